@@ -3,184 +3,137 @@
 
     python examples/own_system.py
 
-The diagnosis works on any `System`: axes, channels, base parameters, effects and a
-prediction. This one is a fan. Its efficiency depends on speed and flow; disc friction is
-identified, bearing drag and a gap at the inlet are the effects that may be missing.
+The diagnosis works on any `hmcvt.System`: axes, channels, base parameters, effects, a prediction.
+The base model of this fan has two parameters, disc friction (power = k speed^3) and the pressure at
+no flow. Bearing drag and a gap at the inlet are effects that it may be missing.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from hmcvt_core.diagnosis import diagnose_system
-from hmcvt_core.diagnosis.observations import Observations
-from hmcvt_core.diagnosis.system import Array, Axis, BaseParameters, Channel, Points
-from hmcvt_core.physics.effects.base import EffectParameter, size
+import hmcvt_core as hmcvt
 
-NOISE = 0.002
-STATED = 8.0  # samples that the statement of the noise is worth
-AXES = (
-    Axis("speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1),
-    Axis("flow", "m3/s", "flow", "flow [m3/s]", 2, 0.01),
+SPEED = hmcvt.Axis(
+    "speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1, test_format="{0:.0f} rad/s"
 )
-EFFICIENCY = Channel(
+FLOW = hmcvt.Axis(
+    "flow", "m3/s", "flow", "flow [m3/s]", 2, 0.01, test_format="{0:.2f} m3/s"
+)
+EFFICIENCY = hmcvt.Channel(
     name="efficiency",
     unit="points",
-    factor=100.0,
+    factor=100.0,  # from a fraction to points
     digits=2,
     uncertainty=0.005,
     relative=False,
-    field_spreads=(0.003, 0.01, 0.03),
-    step_spreads=(0.01, 0.03),
-    misfit_spread=0.0005,
+    field_spreads=(0.003, 0.01, 0.03),  # sizes of an unlisted loss that is smooth
+    step_spreads=(0.01, 0.03),  # and of one inside a region
+    misfit_spread=0.0005,  # smooth error of the base model that is no cause
 )
 
 
 @dataclass(frozen=True)
-class FanEffect:
-    """A loss that the base model leaves out; its first field is the size."""
-
-    name: ClassVar[str] = ""
-    form: ClassVar[str] = ""
-    component: ClassVar[str] = ""
-    summary: ClassVar[str] = ""
-    source: ClassVar[str] = "textbook"
-    remedy: ClassVar[str] = ""
-
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        """Return the declared parameters."""
-        return tuple(
-            EffectParameter(item.name, **item.metadata) for item in fields(self)
-        )
-
-    sizes = parameters
-
-    def values(self) -> dict[str, float]:
-        """Return parameter values by name."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
-
-    def with_values(self, values: dict[str, float]) -> FanEffect:
-        """Return a copy with other values."""
-        return replace(self, **values)
-
-
-@dataclass(frozen=True)
-class BearingDrag(FanEffect):
+class BearingDrag(hmcvt.SystemEffect):
     """Constant torque of the bearing."""
 
     name = "bearing_drag"
     component = "bearing"
     summary = "the bearing drags with a constant torque"
     remedy = "spin the shaft without the wheel"
-    torque: float = size("N m", 0.1, 0.0, 2.0, "drag torque")
+    torque: float = hmcvt.size("N m", 0.1, 0.0, 2.0, "drag torque")
 
 
 @dataclass(frozen=True)
-class InletGap(FanEffect):
+class InletGap(hmcvt.SystemEffect):
     """Flow that returns from the outlet to the inlet."""
 
     name = "inlet_gap"
     component = "casing"
     summary = "air returns through the gap at the inlet"
     remedy = "measure the gap"
-    flow: float = size("m3/s", 0.01, 0.0, 0.1, "flow that returns at 100 rad/s")
+    flow: float = hmcvt.size("m3/s", 0.01, 0.0, 0.1, "flow returned at 100 rad/s")
+
+
+def parameters(scaled: hmcvt.Array) -> hmcvt.Array:
+    """Return disc friction and pressure coefficient of scaled variables, shape (2,)."""
+    friction, pressure = scaled
+    return np.array([1e-5 * friction, 0.08 * (1.0 + 0.01 * pressure)])
 
 
 class Fan:
-    """A fan on a bench as a `System`."""
+    """A fan on a bench as a `hmcvt.System`."""
 
-    axes = AXES
-    channels = (EFFICIENCY,)
-    library = (BearingDrag(), InletGap())
+    axes: tuple[hmcvt.Axis, ...] = (SPEED, FLOW)
+    channels: tuple[hmcvt.Channel, ...] = (EFFICIENCY,)
+    library: tuple[Any, ...] = (BearingDrag(), InletGap())
     refusal = "ask for a flow that the fan cannot deliver"
     advice = "check the unit of the flow"
-    # One parameter, the disc friction, in multiples of 1e-5 N m s2.
-    base = BaseParameters(
-        names=("disc_friction",),
-        mean=np.array([2.0]),
-        spread=np.array([1.0]),
-        low=np.array([0.0]),
-        high=np.array([20.0]),
-        values=lambda scaled: 1e-5 * scaled,
+    base = hmcvt.BaseParameters(
+        names=("disc_friction", "pressure_coefficient"),
+        mean=np.array([2.0, 0.0]),
+        spread=np.array([1.0, 1.0]),
+        low=np.array([0.0, -5.0]),
+        high=np.array([20.0, 5.0]),
+        values=parameters,
+        units=("N m s2", "Pa s2"),
     )
 
     def predict(
-        self, base: Array, effects: Sequence[FanEffect], points: Points
-    ) -> Array:
-        """Return the efficiency at points, shape (1, n); NaN where there is none."""
+        self, base: hmcvt.Array, effects: Any, points: hmcvt.Points
+    ) -> hmcvt.Array:
+        """Return the efficiency at n points, shape (1, n); NaN where there is none."""
+        friction, coefficient = parameters(base)
         speed, flow = points["speed"], points["flow"]
-        (friction,) = self.base.values(base)
-        size_of = {
-            effect.name: next(iter(effect.values().values())) for effect in effects
-        }
-        returning = size_of.get("inlet_gap", 0.0) * speed / 100.0
-        pressure = 0.08 * speed**2 - 40.0 * flow**2
-        power = pressure * (flow + returning) + friction * speed**3
-        power = power + size_of.get("bearing_drag", 0.0) * speed
+        torque = friction * speed**2
+        returned = np.zeros_like(speed)
+        for effect in effects:
+            if isinstance(effect, BearingDrag):
+                torque = torque + effect.torque
+            if isinstance(effect, InletGap):
+                returned = effect.flow * speed / 100.0
+        pressure = coefficient * speed**2 - 40.0 * flow**2
+        power = pressure * (flow + returned) + torque * speed
         efficiency = np.where(pressure > 0.0, pressure * flow / power, np.nan)
         return efficiency[None, :]
 
-    def candidates(self, points: Points, base: Array) -> Points:
+    def candidates(self, points: hmcvt.Points, base: hmcvt.Array) -> hmcvt.Points:
         """Return the points that a test can ask for."""
-        speed, flow = np.meshgrid(np.linspace(60, 200, 8), np.linspace(0.3, 1.5, 7))
-        return {"speed": speed.ravel(), "flow": flow.ravel()}
+        grid = np.meshgrid(np.linspace(60.0, 200.0, 8), np.linspace(0.3, 1.5, 7))
+        return {"speed": grid[0].ravel(), "flow": grid[1].ravel()}
 
-    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
-        """Return the power lost beyond what is expected [W]."""
-        useful = (0.08 * points["speed"] ** 2 - 40.0 * points["flow"] ** 2) * points[
-            "flow"
-        ]
-        return useful * (1.0 / real - 1.0 / expected)
+    def lost_power(
+        self, points: hmcvt.Points, expected: hmcvt.Array, real: hmcvt.Array
+    ) -> hmcvt.Array:
+        """Return the shaft power lost by an efficiency below the expected one [W], (n,)."""
+        pressure = 0.08 * points["speed"] ** 2 - 40.0 * points["flow"] ** 2
+        return pressure * points["flow"] * (1.0 / real - 1.0 / expected)
 
-    def model_of(self, base: Array, effects: Sequence[FanEffect], samples: Any) -> Any:
+    def model_of(
+        self, base: hmcvt.Array, effects: Any, samples: Any, covariance: hmcvt.Array
+    ) -> dict[str, Any]:
         """Return what is kept of a fit."""
-        return {"disc_friction": self.base.values(base), "effects": tuple(effects)}
+        values = dict(zip(self.base.names, parameters(base), strict=True))
+        return {**values, "effects": effects, "covariance": covariance}
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
         """Return notes on the samples."""
         return ()
 
 
-@dataclass(frozen=True)
-class Record:
-    """The samples as the fan's bench keeps them."""
-
-    rows: Array
-    source: str = "fan bench"
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def select(self, index: Array) -> Record:
-        """Return some of the samples."""
-        return replace(self, rows=self.rows[index])
-
-
-def observations(tests: int = 60) -> Observations:
-    """Simulate a campaign on a fan whose bearing drags."""
+def simulated(tests: int = 60, noise: float = 0.002) -> hmcvt.Observations:
+    """Simulate a campaign on a fan whose bearing drags with 0.15 N m."""
     rng = np.random.default_rng(1)
-    points = {
+    fan = Fan()
+    columns = {
         "speed": rng.uniform(60.0, 200.0, tests),
         "flow": rng.uniform(0.3, 1.5, tests),
     }
-    true = Fan().predict(np.array([2.0]), (BearingDrag(torque=0.15),), points)
-    measured = true + NOISE * rng.standard_normal((1, tests))
-    return Observations(
-        AXES,
-        points,
-        (EFFICIENCY,),
-        measured,
-        np.full_like(measured, NOISE),
-        np.array([STATED]),
-        Record(measured.T),
-        np.arange(tests),
-        "stated",
-    )
+    true = fan.predict(np.array([2.0, 0.0]), (BearingDrag(torque=0.15),), columns)
+    columns["efficiency"] = true[0] + noise * rng.standard_normal(tests)
+    return hmcvt.observe_system(fan, columns, noise={"efficiency": noise}, source="fan")
 
 
 if __name__ == "__main__":
-    print(diagnose_system(Fan(), observations()).report())
+    print(hmcvt.diagnose_system(Fan(), simulated()).report())

@@ -8,10 +8,12 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 """
 
+from .benches.own_system import SystemEffect, observe_system
 from .benches.transmission import diagnose, next_test, separable
 from .benches.unit import diagnose_unit
-from .benches.watch import Opening, Watch, watch
-from .diagnosis import Advice, Diagnosis, Isolability
+from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
+from .diagnosis.observations import Observations
+from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
@@ -23,6 +25,7 @@ from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
 from .model.optimum import DriveOptimum, Optimum
 from .model.parameter_file import load_model, load_stage, save_model
+from .monitoring import Opening, Watch, watch
 from .physics.balance import Breakdown
 from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
@@ -33,8 +36,12 @@ from .version import __version__
 
 __all__ = [
     "Advice",
+    "Array",
+    "Axis",
+    "BaseParameters",
     "BenchSamples",
     "Breakdown",
+    "Channel",
     "Diagnosis",
     "Domain",
     "DriveOptimum",
@@ -49,19 +56,24 @@ __all__ = [
     "IdentificationError",
     "InputError",
     "Isolability",
+    "Observations",
     "Opening",
     "Optimum",
     "Path",
+    "Points",
     "Prediction",
     "PumpMotor",
     "Schedule",
     "ShaftState",
     "Stage",
+    "System",
+    "SystemEffect",
     "Value",
     "Watch",
     "__version__",
     "data_path",
     "diagnose",
+    "diagnose_system",
     "diagnose_unit",
     "identify",
     "load_effects",
@@ -69,6 +81,7 @@ __all__ = [
     "load_model",
     "load_stage",
     "next_test",
+    "observe_system",
     "read_bench",
     "read_raw_bench",
     "read_unit",

@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -206,7 +206,7 @@ def gap_status(name: str, found: Opening) -> DiagnosticStatus:
         "gap",
         level,
         str(found),
-        {key.replace("_", " "): _shown(value) for key, value in asdict(found).items()},
+        {key.replace("_", " "): _shown(value) for key, value in found.to_dict().items()},
     )
 
 

@@ -23,7 +23,7 @@ from hmcvt_core import (
     data_path,
     load_model,
 )
-from hmcvt_core.benches.watch import Opening, Watch
+from hmcvt_core.monitoring import Opening, Watch
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from studies.page import table
@@ -97,7 +97,7 @@ def watched(
     """What a watch says at the end of a stream."""
     running = Watch(model, noise)
     running.take(samples)
-    return running.found
+    return running.result
 
 
 def _with(model: EfficiencyModel, effect: Effect) -> EfficiencyModel:

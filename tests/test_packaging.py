@@ -63,10 +63,9 @@ def test_unknown_file_is_refused():
 
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
-    found, own = (
-        set(),
-        {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"},
-    )
+    found = set()
+    own = {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
+    own |= {path.stem for path in (ROOT / "docs").glob("*.py")}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

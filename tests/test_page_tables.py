@@ -11,7 +11,7 @@ import textwrap
 import pytest
 from cli.running import ROOT
 
-from hmcvt_core.diagnosis.ranking import PRIOR_MISFIT, PRIOR_OF_SIZE, PRIOR_UNLISTED
+from hmcvt_core.diagnosis import settings
 from hmcvt_core.physics.effects import library
 
 
@@ -32,9 +32,9 @@ def test_priors_of_the_page_are_those_of_the_code():
     }
     listed = len(names - {"pressure_sensor"})  # it needs a column `pressure`
     rows = [
-        ("one listed effect", PRIOR_OF_SIZE[1], listed),
-        ("two", PRIOR_OF_SIZE[2], math.comb(listed, 2)),
-        ("three", PRIOR_OF_SIZE[3], math.comb(listed, 3)),
+        ("one listed effect", settings.PRIOR_OF_SET_SIZE[1], listed),
+        ("two", settings.PRIOR_OF_SET_SIZE[2], math.comb(listed, 2)),
+        ("three", settings.PRIOR_OF_SET_SIZE[3], math.comb(listed, 3)),
     ]
     for words, prior, count in rows:
         (row,) = re.findall(rf"^\| {words} \| (.*) \|$", page, re.MULTILINE)
@@ -44,8 +44,8 @@ def test_priors_of_the_page_are_those_of_the_code():
         assert int(number) == count
         assert float(share) == pytest.approx(prior / count, rel=0.05)
     for words, prior in (
-        ("misfit of the base model alone", PRIOR_MISFIT),
-        ("unlisted loss alone", PRIOR_UNLISTED),
+        ("misfit of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
+        ("unlisted loss alone", settings.PRIOR_UNLISTED),
     ):
         (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
         assert float(value) == prior

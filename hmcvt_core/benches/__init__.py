@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the diagnosis has to know of a system on a bench."""
+"""Systems on a bench: what the diagnosis has to know of a transmission, of a hydrostatic unit."""

@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt diagnose`, `next`, `separable`, `watch` and `unit`: the gap between model and bench."""
 
-from dataclasses import asdict
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -9,12 +8,13 @@ import click
 
 from ..benches import transmission
 from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
-from ..benches.watch import FALSE_ALARMS
-from ..benches.watch import watch as watch_samples
-from ..diagnosis import Diagnosis, words
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import text as words
 from ..files.bench import BenchSamples, read_bench
 from ..files.units import AXES, KINDS, read_unit
 from ..model.parameter_file import save_model
+from ..monitoring import FALSE_ALARMS
+from ..monitoring import watch as watch_samples
 from ..report import write_html
 from . import common
 from .common import Answer
@@ -182,7 +182,7 @@ def watch(
     """
     model = common.model_from(params)
     found = watch_samples(model, _read(samples), noise=noise, false_alarms=false_alarms)
-    return Answer(asdict(found), [str(found)], OPEN if found.open else 0)
+    return Answer(found.to_dict(), [found.report()], OPEN if found.open else 0)
 
 
 def _read(path: str) -> BenchSamples:

@@ -1,11 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of the gap between a model and a bench, whatever stands on it: see `system`."""
+"""Diagnosis of the gap between a model and a bench, for any system: see `system`."""
 
-from .advice import Advice, NextTest
-from .plans import Isolability, isolability
-from .procedure import diagnose_system, next_test
-from .result import Cause, CauseSet, Gap, Region, ShrinkageSummary
-from .words import Diagnosis
+from .design.advice import Advice, NextTest
+from .design.isolability import Isolability, isolability
+from .pipeline import diagnose_system, next_test
+from .results.diagnosis import Diagnosis
+from .results.outcome import Cause, CauseSet, Gap, Region, ShrinkageSummary
 
 __all__ = [
     "Advice",

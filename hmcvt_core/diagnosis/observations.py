@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the bench measured, channel by channel and where, with what is known of its noise."""
+"""The readings of a bench, channel by channel, and what is known of their noise."""
 
 from __future__ import annotations
 
@@ -13,29 +13,19 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from .settings import (
+    LEAST_REPLICATE_NOISE,
+    MOST_SAMPLES,
+    PRIOR_DOF_ASSUMED,
+    PRIOR_DOF_ASSUMED_SMALL,
+    PRIOR_DOF_STATED,
+    PRIOR_DOF_STATED_SMALL,
+    REPLICATE_TOLERANCE,
+    REPLICATES_NEEDED,
+    SMALL_CAMPAIGN,
+    SMOOTH_DEGREE,
+)
 from .system import Array, Axis, Channel, Points
-
-FEW = 16
-"""Below this many samples scatter has no shape to be judged by; only its size is left."""
-
-LARGE = 1000
-"""Most samples that are weighed."""
-
-REPEATED = 0.002
-"""Samples so close in every axis repeat one point; a part of the range of the axis."""
-
-SMOOTH_DEGREE = 3
-"""Of what counts as smooth over the working space of a campaign."""
-
-TRUST_STATED, TRUST_ASSUMED = 8.0, 1.0
-"""How many samples a statement of the noise is worth, and how many an assumption."""
-
-_TRUST_FEW = 30.0
-# Nobody stated the noise: weak enough that a bench twice as noisy raises no alarm at the size of
-# its scatter, strong enough that one six times as noisy does.
-_TRUST_FEW_ASSUMED = 3.0
-_LEAST_PART = 1e-5  # of the largest reading
-_REPLICATES_NEEDED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +34,17 @@ class Observations:
 
     Attributes:
         axes: of the points.
-        points: values by axis.
-        channels: those read, the one in which the gap is measured first.
-        measured: shape (channels, n), each in its unit.
+        points: values by the name of the axis, shape (n,) each.
+        channels: those read; the gap is measured in the first.
+        measured: readings, each channel in its unit, shape (channels, n).
         deviation: standard deviations stated or assumed, same shape and units.
-        trust: how many samples the statement of `deviation` is worth, shape (channels,); the data
-            tell the rest.
-        samples: the system's own record, with a length, `source` (for messages) and
+        prior_dof: prior degrees of freedom of `deviation`: how many samples its statement is
+            worth against the residuals, shape (channels,).
+        samples: the system's record of the samples, with a length, `source` (for messages) and
             `select(index)`.
-        number: of each sample in what was handed in, shape (n,).
+        number: row of each sample in the data as given, from 0, shape (n,).
         noise_source: where the noise of the first channel comes from, in words.
-        assumed: whether nobody stated it.
+        assumed: whether that noise is assumed rather than stated.
     """
 
     axes: tuple[Axis, ...]
@@ -62,7 +52,7 @@ class Observations:
     channels: tuple[Channel, ...]
     measured: Array
     deviation: Array
-    trust: Array
+    prior_dof: Array
     samples: Any
     number: NDArray[np.intp]
     noise_source: str
@@ -77,35 +67,35 @@ class Observations:
         return tuple(axis for axis in self.axes if axis.steered)
 
     @property
-    def place(self) -> Array:
-        """Values along them, shape (axes, n)."""
+    def coordinates(self) -> Array:
+        """Values along the steered axes, shape (axes, n)."""
         return np.stack([self.points[axis.name] for axis in self.steered])
 
     @cached_property
     def smooth(self) -> tuple[Array, NDArray[np.intp]]:
-        """`smooth_functions` of the place, up to the third degree."""
-        return smooth_functions(self.place, SMOOTH_DEGREE)
+        """`smooth_functions` of the coordinates, up to `SMOOTH_DEGREE`."""
+        return smooth_functions(self.coordinates, SMOOTH_DEGREE)
 
     @cached_property
-    def unit_loss(self) -> Array:
-        """One unit of an unlisted loss in one channel as it shows in each, in deviations.
+    def unit_discrepancy(self) -> Array:
+        """Change of each reading by one unit of discrepancy in one channel, in deviations.
 
-        Shape (channels, channels, n).
+        A relative discrepancy changes its channel, and the first one, by a part of the reading.
+        Shape (channels with the discrepancy, channels read, n).
         """
-        relative = np.array([[channel.relative] for channel in self.channels])
-        found = np.eye(len(relative))[..., None] * np.where(
-            relative, self.measured, 1.0
-        )
-        found[relative[:, 0], 0] = self.measured[0]
-        return np.asarray(found / self.deviation)
+        relative = np.array([channel.relative for channel in self.channels])
+        unit = np.where(relative[:, None], self.measured, 1.0)
+        change = np.eye(len(relative))[..., None] * unit
+        change[relative, 0] = self.measured[0]
+        return np.asarray(change / self.deviation)
 
     @property
-    def usual_noise(self) -> float:
-        """Root of the mean square of the noise stated of the first channel."""
+    def stated_noise(self) -> float:
+        """Root mean square of the noise stated or assumed for the first channel."""
         return float(np.sqrt(np.mean(self.deviation[0] ** 2)))
 
     def select(self, index: NDArray[np.intp]) -> Observations:
-        """Return a subset of samples, with the same noise."""
+        """Return the samples of an index, with the same noise."""
         return replace(
             self,
             points={name: row[index] for name, row in self.points.items()},
@@ -116,33 +106,37 @@ class Observations:
         )
 
     def without(self, index: NDArray[np.intp]) -> Observations:
-        """Return the other samples."""
+        """Return all samples but those of an index."""
         return self.select(np.setdiff1d(np.arange(len(self)), index))
 
-    def stating(self, noise: float) -> Observations:
-        """Return the same as if somebody had stated the noise of the first channel."""
-        first, trust, _ = noise_of(
+    def with_stated_noise(self, noise: float) -> Observations:
+        """Return the observations with a stated noise of the first channel.
+
+        Args:
+            noise: standard deviation, in the unit of the channel.
+        """
+        first, first_dof, _ = noise_statement(
             self.channels[0], self.measured[0], noise, None, (), {}
         )
         return replace(
             self,
             deviation=np.vstack([first, self.deviation[1:]]),
-            trust=np.append(trust, self.trust[1:]),
+            prior_dof=np.append(first_dof, self.prior_dof[1:]),
             noise_source="given",
             assumed=False,
         )
 
     def describe(self, i: int) -> str:
-        """Return one sample by number and operating point."""
-        place = ", ".join(
-            f"{axis.name.replace('_', ' ')} {self.points[axis.name][i]:.4g} "
-            f"{axis.unit}".removesuffix(" -")
-            for axis in self.steered
-        )
-        return f"sample {self.number[i] + 1} ({place})"
+        """Return one sample by its number, from 1, and its operating point."""
+        parts = []
+        for axis in self.steered:
+            value = self.points[axis.name][i]
+            part = f"{axis.name.replace('_', ' ')} {value:.4g} {axis.unit}"
+            parts.append(part.removesuffix(" -"))
+        return f"sample {self.number[i] + 1} ({', '.join(parts)})"
 
 
-def noise_of(
+def noise_statement(
     channel: Channel,
     measured: Array,
     given: float | None,
@@ -150,118 +144,160 @@ def noise_of(
     axes: Sequence[Axis],
     points: Points,
 ) -> tuple[Array, float, str | None]:
-    """Return the noise of a channel as it is stated: given, by sample, or by repeated points.
+    """Return the noise of a channel: given, by sample, from repeated points, or assumed.
 
     Args:
-        channel, measured: what was read, shape (n,).
-        given: one standard deviation for all.
-        column: those of every sample, shape (n,).
-        axes, points: where.
+        channel: what was read.
+        measured: readings, shape (n,).
+        given: one standard deviation for all samples.
+        column: standard deviations of every sample, shape (n,).
+        axes: of the operating points.
+        points: the operating points.
 
     Returns:
-        Standard deviations, shape (n,), how many samples that is worth, and who states it; None
-        where nobody does and `channel.uncertainty` stands in.
+        The standard deviations, shape (n,); their prior degrees of freedom; and the source of the
+        statement, None where `channel.uncertainty` is assumed.
     """
-    n, trust, source = len(measured), TRUST_STATED, None
+    deviation, prior_dof, source = _stated_noise(
+        channel, measured, given, column, axes, points
+    )
+    if len(measured) < SMALL_CAMPAIGN:
+        # So few samples cannot correct a statement, so it gets more weight.
+        assumed = source is None
+        least = PRIOR_DOF_ASSUMED_SMALL if assumed else PRIOR_DOF_STATED_SMALL
+        prior_dof = max(prior_dof, least)
+    return deviation, prior_dof, source
+
+
+def _stated_noise(
+    channel: Channel,
+    measured: Array,
+    given: float | None,
+    column: Array | None,
+    axes: Sequence[Axis],
+    points: Points,
+) -> tuple[Array, float, str | None]:
+    """Return `noise_statement` without regard to the number of samples."""
+    n = len(measured)
     if given is not None:
-        deviation, source = np.full(n, given), "given"
-    elif column is not None:
-        deviation, source = column, f"column {channel.name}_std"
-    elif (pure := pure_error(replicate_groups(axes, points), measured)) is not None:
-        deviation, trust, source = np.full(n, pure[0]), pure[1], "repeated points"
-    else:
-        deviation, trust = channel.deviation(measured), TRUST_ASSUMED
-    if n < FEW:  # so few cannot correct a statement: it has to be believed
-        trust = max(trust, _TRUST_FEW_ASSUMED if source is None else _TRUST_FEW)
-    return deviation, trust, source
+        return np.full(n, given), PRIOR_DOF_STATED, "given"
+    if column is not None:
+        return column, PRIOR_DOF_STATED, f"column {channel.name}_std"
+    repeats = pure_error(replicate_groups(axes, points), measured)
+    if repeats is not None:
+        deviation, degrees_of_freedom = repeats
+        return np.full(n, deviation), degrees_of_freedom, "repeated points"
+    return channel.deviation(measured), PRIOR_DOF_ASSUMED, None
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:
-    """Noise that repeated points show: standard deviation and degrees of freedom; None if few.
+    """Return the noise that repeated points show (pure error of an analysis of variance).
 
     Args:
-        group: as `replicate_groups` gives it.
+        group: number of the operating point of each sample, from `replicate_groups`, shape (n,).
         measured: one channel, shape (n,).
+
+    Returns:
+        The pooled standard deviation and its degrees of freedom; None where there are too few
+        repeats, or where they are copies of one reading.
     """
     count = np.bincount(group)
-    free = float(np.sum(count - 1))
-    if free < _REPLICATES_NEEDED:
+    degrees_of_freedom = float(np.sum(count - 1))
+    if degrees_of_freedom < REPLICATES_NEEDED:
         return None
     mean = np.bincount(group, measured) / count
-    deviation = float(np.sqrt(np.sum((measured - mean[group]) ** 2) / free))
-    # Readings that agree better than any bench are filled in, as in a plan, or copied.
-    return (
-        None if deviation <= _LEAST_PART * np.abs(measured).max() else (deviation, free)
-    )
+    squares = np.sum((measured - mean[group]) ** 2)
+    deviation = float(np.sqrt(squares / degrees_of_freedom))
+    # Readings that agree better than any bench are copies, or placeholders in a plan.
+    if deviation <= LEAST_REPLICATE_NOISE * np.abs(measured).max():
+        return None
+    return deviation, degrees_of_freedom
 
 
 def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
-    """Number the distinct operating points by their place, shape (n,).
+    """Number the distinct operating points in their order along the axes.
 
-    Repeated points share a number; no two further apart than one tolerance do, so that a slow
-    sweep, in which every sample is close to the next one, does not become one point.
+    Repeated points share a number. No two points of one number are further apart than one
+    tolerance, so a slow sweep, in which every sample is close to the next, stays many points.
+
+    Args:
+        axes: of the points.
+        points: values by the name of the axis, shape (n,) each.
+
+    Returns:
+        The number of each point, from 0, shape (n,).
     """
     from scipy.cluster.hierarchy import fclusterdata
 
-    # In tolerances: a bench never sets a point twice to the last digit.
-    scaled = np.stack(
-        [
-            points[axis.name]
-            / max(REPEATED * float(np.ptp(points[axis.name])), axis.held)
-            for axis in axes
-        ],
-        axis=1,
-    )
-    if 1 < len(scaled) <= LARGE:
+    rows = []
+    for axis in axes:
+        values = points[axis.name]
+        tolerance = max(REPLICATE_TOLERANCE * float(np.ptp(values)), axis.tolerance)
+        rows.append(values / tolerance)
+    scaled = np.stack(rows, axis=1)
+    if 1 < len(scaled) <= MOST_SAMPLES:
         label = fclusterdata(
             scaled, 1.0, "distance", metric="chebyshev", method="complete"
         )
-    else:  # pairs of neighbours are too many: what a lattice does not part
+    else:
+        # Clustering needs all pairs of points. A lattice of one tolerance needs none.
         label = np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
-    order = np.lexsort(scaled.T[::-1])
+    return _renumbered(label, np.lexsort(scaled.T[::-1]))
+
+
+def _renumbered(label: NDArray[np.intp], order: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Renumber labels by where each first appears in an order, shape (n,)."""
     _, first, group = np.unique(label[order], return_index=True, return_inverse=True)
-    number = np.empty(len(scaled), dtype=np.intp)
-    number[order] = np.argsort(np.argsort(first))[group]
+    rank_of_group = np.argsort(np.argsort(first))
+    number = np.empty(len(label), dtype=np.intp)
+    number[order] = rank_of_group[group]
     return number
 
 
-def scaled_to_extent(place: Array, within: Array | None = None) -> Array:
-    """Places scaled to -1 .. 1 by the extent of a campaign (their own), same shape; none beyond."""
-    within = place if within is None else within
-    low, high = within.min(axis=1, keepdims=True), within.max(axis=1, keepdims=True)
-    return np.asarray(
-        (2.0 * (place - low) / np.maximum(high - low, 1e-12) - 1.0).clip(-1.0, 1.0)
-    )
+def scaled_to_extent(coordinates: Array, within: Array | None = None) -> Array:
+    """Return coordinates scaled to -1 ... 1 by the extent of a campaign, clipped beyond it.
+
+    Args:
+        coordinates: shape (axes, n).
+        within: coordinates of the campaign, shape (axes, m); the same ones if None.
+
+    Returns:
+        Shape (axes, n).
+    """
+    campaign = coordinates if within is None else within
+    low = campaign.min(axis=1, keepdims=True)
+    high = campaign.max(axis=1, keepdims=True)
+    width = np.maximum(high - low, 1e-12)
+    return np.asarray((2.0 * (coordinates - low) / width - 1.0).clip(-1.0, 1.0))
 
 
 def smooth_functions(
-    place: Array, degree: int, within: Array | None = None
+    coordinates: Array, degree: int, within: Array | None = None
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Products of Legendre polynomials up to a total degree.
+    """Return products of Legendre polynomials up to a total degree.
 
     Args:
-        place: where, shape (axes, n).
-        degree: the highest.
-        within: the places of the campaign by which each axis is scaled, those above if None.
+        coordinates: where to evaluate them, shape (axes, n).
+        degree: the highest total degree.
+        within: coordinates of the campaign by which each axis is scaled, shape (axes, m); the
+            same ones if None.
 
     Returns:
-        Values of shape (n, m), each of mean square about 1, and the degree of each, shape (m,).
-        The constant comes first.
+        Values of shape (n, m), each of mean square about 1, and the degree of each function,
+        shape (m,). The constant comes first.
     """
-    # Along each axis, by order; the factor makes the mean square one.
-    along = np.sqrt(2.0 * np.arange(degree + 1) + 1.0) * legendre.legvander(
-        scaled_to_extent(place, within), degree
-    )
-    powers = sorted(
-        (
-            p
-            for p in itertools.product(range(degree + 1), repeat=len(place))
-            if sum(p) <= degree
-        ),
-        key=sum,
-    )
-    columns = [
-        np.prod([along[axis, :, order] for axis, order in enumerate(power)], axis=0)
-        for power in powers
+    scaled = scaled_to_extent(coordinates, within)
+    # P_k has mean square 1 / (2 k + 1) over -1 ... 1.
+    norms = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
+    along_axis = norms * legendre.legvander(scaled, degree)
+    orders = [
+        powers
+        for powers in itertools.product(range(degree + 1), repeat=len(coordinates))
+        if sum(powers) <= degree
     ]
-    return np.stack(columns, axis=1), np.array([sum(power) for power in powers])
+    orders.sort(key=sum)
+    columns = []
+    for powers in orders:
+        factors = [along_axis[axis, :, order] for axis, order in enumerate(powers)]
+        columns.append(np.prod(factors, axis=0))
+    return np.stack(columns, axis=1), np.array([sum(powers) for powers in orders])

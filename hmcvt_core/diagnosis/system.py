@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the diagnosis asks of whatever stands on a bench: all that it knows of it.
+"""What the diagnosis has to know of a system on a bench.
 
-A system predicts channels at operating points from a few base parameters with priors, and from
-effects that its model leaves out. `hmcvt_core.benches` holds the systems that there are.
+A system predicts channels at operating points from a few base parameters, which have priors, and
+from effects that its model leaves out. `hmcvt_core.benches` implements the protocol for a
+transmission and for a hydrostatic unit.
 """
 
 from __future__ import annotations
@@ -22,21 +23,26 @@ Points = Mapping[str, Array]
 
 @dataclass(frozen=True)
 class Axis:
-    """One quantity that makes an operating point.
+    """One coordinate of an operating point.
 
     Attributes:
-        name, unit: as in files; the unit is `-` for a plain number.
-        word: what it is called in a sentence.
-        heading: over a column of its limits, which are printed with `digits` decimals.
-        held: how closely a bench holds it, whatever the range of the campaign, in its unit.
-        graded: whether a sentence calls it low or high; else it gives the limits.
-        steered: whether a test can ask for a value; else it is only recorded, and neither regions
-            nor tests are looked for along it.
-        labels: names of the values 0, 1, ... of an axis that is only recorded; a test names its.
-        told: form of a value in the description of a test; `{0}` is the value, `{1}` the same in
-            another unit, `second` times as large.
-        turns: how far from where the model has it a machine may turn from one way of working to
-            another; readings as near as that are known no better than by half of what lies between.
+        name: as in files.
+        unit: as in files; `-` for a plain number.
+        word: its name in a sentence.
+        heading: the heading of a column of its limits.
+        digits: decimals of a printed limit.
+        tolerance: how closely a bench sets it, whatever the range of the campaign, in its unit.
+        graded: whether a sentence calls it low or high; otherwise the sentence gives the limits.
+        steered: whether a test can set it. If not it is only recorded: regions and tests do not
+            depend on it.
+        labels: names of the values 0, 1, ... of an axis that is only recorded; a test names the
+            value by its label.
+        test_format: format of a value in the description of a test; `{0}` is the value, `{1}` the
+            value times `second_unit_factor`.
+        second_unit_factor: from the unit to a second one.
+        transition_width: half-width around a point within which the machine may change from one
+            operating mode to another, in its unit. Auxiliary readings so close to a transition
+            are known only as well as the modes agree.
     """
 
     name: str
@@ -44,13 +50,13 @@ class Axis:
     word: str
     heading: str
     digits: int
-    held: float
+    tolerance: float
     graded: bool = True
     steered: bool = True
     labels: tuple[str, ...] = ()
-    told: str = "{0:g}"
-    second: float = 1.0
-    turns: float = 0.0
+    test_format: str = "{0:g}"
+    second_unit_factor: float = 1.0
+    transition_width: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -59,17 +65,19 @@ class Channel:
 
     Attributes:
         name: as in files.
-        unit: in which it is told, `factor` times the value with so many decimals.
-        uncertainty: standard deviation taken until somebody states it or the data tell: a part of
-            the reading, and `least` besides.
-        relative: whether an unlisted loss in it counts as a part of the reading, and is the same
-            part lost of the first channel.
-        field_spreads: prior standard deviations of such a loss that varies smoothly over the axes,
+        unit: in which it is printed.
+        factor: from the value to the printed number.
+        digits: decimals of the printed number.
+        uncertainty: standard deviation assumed where none is stated, as a part of the reading.
+        relative: whether an unlisted discrepancy in it counts as a part of the reading. The first
+            channel then changes by the same part.
+        field_spreads: prior standard deviations of a discrepancy that is smooth over the axes,
             equally likely; in the channel's unit, or relative.
-        step_spreads: the same for one inside a region.
-        misfit_spread: the same for a smooth misfit of the base model that is no cause.
-        least: standard deviation of a reading of zero, in the channel's unit.
-        served: whether the model is there to foretell it; others help to find what is lost.
+        step_spreads: the same for a discrepancy inside a region.
+        misfit_spread: the same for the smooth discrepancy of a base model that is a little off.
+        least: standard deviation assumed at a reading of zero, in the channel's unit.
+        served: whether users take this channel from the model. The others, auxiliary channels,
+            only help to find the cause.
     """
 
     name: str
@@ -85,7 +93,7 @@ class Channel:
     served: bool = True
 
     def deviation(self, reading: Array) -> Array:
-        """Standard deviation of readings that nobody states, same shape."""
+        """Return the standard deviation assumed for readings, same shape and unit."""
         return np.hypot(self.uncertainty * reading, self.least)
 
 
@@ -95,9 +103,12 @@ class BaseParameters:
 
     Attributes:
         names: of the parameters.
-        mean, spread: of the scaled variables before any bench.
-        low, high: their hard bounds.
-        values: gives the parameters in their units for scaled variables.
+        mean: prior mean of the scaled variables.
+        spread: prior standard deviations of the scaled variables.
+        low: hard lower bounds of the scaled variables.
+        high: hard upper bounds of the scaled variables.
+        values: returns the parameters in their units for scaled variables.
+        units: of the parameters, for reports; empty where none is stated.
     """
 
     names: tuple[str, ...]
@@ -106,17 +117,19 @@ class BaseParameters:
     low: Array
     high: Array
     values: Callable[[Array], Array]
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
 
 
 class Effect(Protocol):
-    """Something the base model leaves out; `hmcvt_core.physics.effects` says what each member is.
+    """A physical effect that the base model leaves out.
 
-    `parameters` and `sizes` give objects with `name`, `unit`, `meaning`, `typical`, `low`, `high`,
-    `grid` (the values tried of a shape, empty for a size), `is_size` and `bends` (a shape that may
-    have any value between); of several sizes the first is fitted.
+    `hmcvt_core.physics.effects` documents each member. `parameters` and `sizes` return objects
+    with `name`, `unit`, `meaning`, `typical`, `low`, `high`, `grid` (the values tried of a shape,
+    empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
+    Of several sizes the first is fitted.
     """
 
     name: ClassVar[str]
@@ -143,11 +156,12 @@ class System(Protocol):
     """A model on a bench.
 
     Attributes:
-        axes: of an operating point, in the order in which they are told.
-        channels: all that can be read, the one in which the gap is measured first.
-        base: the base parameters, with what no bench knows better than within a tolerance.
-        library: effects that may be missing, one of each form, at size zero.
-        refusal: what samples ask for at which the model has no answer; `advice` what to check.
+        axes: of an operating point, in the order in which they are printed.
+        channels: all that can be read; the gap is measured in the first.
+        base: the base parameters, and nuisance parameters known within a tolerance only.
+        library: candidate effects, one of each form, at size zero.
+        refusal: predicate of a sentence about samples for which the model has no answer.
+        advice: what to check about such samples.
     """
 
     axes: tuple[Axis, ...]
@@ -158,30 +172,55 @@ class System(Protocol):
     advice: str
 
     def predict(self, base: Array, effects: Sequence[Effect], points: Points) -> Array:
-        """Return every channel as the bench reads it, (channels, n); NaN: no answer."""
-
-    def candidates(self, points: Points, base: Array) -> Points:
-        """Return points at which a further test can be run, given those measured so far."""
-
-    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
-        """Return the power that is lost at points beyond what is expected [W], (n,).
+        """Return every channel as the bench reads it; NaN where the model has no answer.
 
         Args:
-            points: where.
-            expected, real: the first channel, shape (n,).
+            base: scaled base parameters, shape (p,).
+            effects: added to the base model.
+            points: operating points.
+
+        Returns:
+            Shape (channels, n), each channel in its unit.
         """
 
-    def model_of(self, base: Array, effects: Sequence[Effect], samples: Any) -> Any:
-        """Return what is saved and served of a hypothesis fitted to samples."""
+    def candidates(self, points: Points, base: Array) -> Points:
+        """Return points at which a further test can be run.
+
+        Args:
+            points: measured so far.
+            base: scaled base parameters, shape (p,).
+        """
+
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the power lost beyond the expected loss [W], shape (n,).
+
+        Args:
+            points: operating points.
+            expected: the first channel without the additional loss, shape (n,).
+            real: the first channel with it, shape (n,).
+        """
+
+    def model_of(
+        self, base: Array, effects: Sequence[Effect], samples: Any, covariance: Array
+    ) -> Any:
+        """Return the model that is saved and served for a hypothesis fitted to samples.
+
+        Args:
+            base: scaled base parameters, shape (p,).
+            effects: at their fitted sizes.
+            samples: the record to which they were fitted.
+            covariance: of the scaled base parameters, shape (p, p).
+        """
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
-        """Return what to say of samples whatever the diagnosis finds."""
+        """Return notes on the samples that hold whatever the diagnosis finds."""
 
 
 def forms_of(effect: Effect) -> list[Effect]:
     """Return one instance for each combination of the values tried of an effect's shapes."""
-    shapes = {item.name: item.grid for item in effect.parameters() if not item.is_size}
-    return [
-        effect.with_values(dict(zip(shapes, values, strict=True)))
-        for values in itertools.product(*shapes.values())
-    ]
+    grids = {item.name: item.grid for item in effect.parameters() if not item.is_size}
+    forms = []
+    for values in itertools.product(*grids.values()):
+        shapes = dict(zip(grids, values, strict=True))
+        forms.append(effect.with_values(shapes))
+    return forms

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis.result import NAMING
+from ..diagnosis.results.outcome import NAMING
 from ..transmission.parameters import PARAMETER_NAMES, PARAMETER_UNITS
 
 Entry = dict[str, Any]

@@ -32,6 +32,7 @@ from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
+from .measured_unit import MeasuredUnit
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 
 SCHEMA = "hmcvt-model/1"
@@ -73,7 +74,6 @@ class EfficiencyModel:
 
     Attributes:
         stage: gear train and pump-motor pair.
-        other_stages: of the same transmission.
         parameters: the hydraulic parameters.
         formulation: `power_balance` (served) or `published` (the paper's formulas, guarded).
         effects: what acts besides (power balance only).
@@ -81,6 +81,8 @@ class EfficiencyModel:
         correlation: of the parameters, shape (3, 3), or None.
         domain: box of the identification data, or None.
         provenance: where the parameters come from.
+        other_stages: of the same transmission.
+        units: pump and motor that were tested by themselves, by kind.
     """
 
     stage: Stage
@@ -92,6 +94,7 @@ class EfficiencyModel:
     domain: Domain | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     other_stages: tuple[Stage, ...] = ()
+    units: Mapping[str, MeasuredUnit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.formulation not in FORMULATIONS:
@@ -494,6 +497,10 @@ class EfficiencyModel:
         if self.domain is not None:
             data["domain"] = self.domain.to_mapping()
         data["provenance"] = dict(self.provenance)
+        if self.units:
+            data["provenance"]["units"] = {
+                kind: unit.to_mapping() for kind, unit in self.units.items()
+            }
         data["transmission"] = stages_to_mapping((self.stage, *self.other_stages))
         return data
 

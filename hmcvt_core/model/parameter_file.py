@@ -22,6 +22,7 @@ from ..transmission.parameters import (
 )
 from ..transmission.stage import Stage, stages_from_mapping
 from .domain import AXES, Domain
+from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
 
 TRANSMISSION_SCHEMA = "hmcvt-transmission/1"
@@ -120,13 +121,15 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
 def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:
-        there, here = (
-            {**each.to_mapping(), "provenance": {**each.provenance, "date": ""}}
-            for each in (load_model(path), model)
-        )
+        saved = load_model(path)
     except InputError:
         return False
-    return there == here
+    return _undated(saved) == _undated(model)
+
+
+def _undated(model: EfficiencyModel) -> dict[str, Any]:
+    data = model.to_mapping()
+    return {**data, "provenance": {**data["provenance"], "date": ""}}
 
 
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
@@ -144,6 +147,10 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
     stage, *others = stages_from_mapping(file.section("transmission").data)
+    provenance = {}
+    if "provenance" in data:
+        provenance = dict(file.section("provenance").data)
+    units = provenance.pop("units", None)
     return EfficiencyModel(
         stage=stage,
         other_stages=tuple(others),
@@ -157,7 +164,8 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         if "correlation" in data
         else None,
         domain=_domain(file.section("domain")) if "domain" in data else None,
-        provenance=file.section("provenance").data if "provenance" in data else {},
+        provenance=provenance,
+        units={} if units is None else measured_units(units),
     )
 
 

@@ -12,13 +12,16 @@ from functools import partial
 from pathlib import Path
 
 from ..benches.unit import PARAMETERS, UnitDiagnosis
-from ..diagnosis import Diagnosis, result, words
+from ..diagnosis import Diagnosis, Isolability, settings
+from ..diagnosis.results import text as words
 from ..files import picture
 from ..files.atomic import write_atomically
 from ..identification import Identification
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import PARAMETER_UNITS
+from ..monitoring import Opening
+from ..transmission.parameters import PARAMETER_NAMES
 from . import figures
+from .panels import draw_opening, draw_separation
 from .pictures import draw_fit, draw_surface, drawn
 from .style import TEMPLATES, render
 
@@ -26,6 +29,8 @@ from .style import TEMPLATES, render
 picture.register(EfficiencyModel, partial(drawn, draw_surface))
 picture.register(Identification, partial(drawn, draw_fit))
 picture.register(Diagnosis, partial(drawn, figures.draw_residuals))
+picture.register(Isolability, partial(drawn, draw_separation))
+picture.register(Opening, partial(drawn, draw_opening))
 
 
 def write_html(
@@ -46,11 +51,13 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
     Raises:
         InputError: Jinja2 or matplotlib is missing.
     """
-    found, rmse, units = (
-        (diagnosis.found, diagnosis.rmse, PARAMETERS)
-        if isinstance(diagnosis, UnitDiagnosis)
-        else (diagnosis, None, PARAMETER_UNITS)
-    )
+    rmse = None
+    if isinstance(diagnosis, UnitDiagnosis):
+        found, rmse, names = diagnosis.diagnosis, diagnosis.rmse, tuple(PARAMETERS)
+    else:
+        found, names = diagnosis, tuple(diagnosis.parameters)
+    if isinstance(found.base, EfficiencyModel):
+        names = PARAMETER_NAMES
     script = (TEMPLATES / "page.js.j2").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return render(
@@ -59,8 +66,10 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
         script_hash=digest,
         found=found,
         rmse=rmse,
-        units=units,
+        names=names,
+        units={name: entry.unit for name, entry in found.parameters.items()},
+        transmission=isinstance(found.base, EfficiencyModel),
         words=words,
         figures=figures,
-        limits=result,
+        limits=settings,
     )

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..diagnosis import Diagnosis, words
-from ..diagnosis.result import REGION_SIGNIFICANCE
+from ..diagnosis import Diagnosis
+from ..diagnosis.results import text as words
+from ..diagnosis.settings import REGION_SIGNIFICANCE
+from ..diagnosis.system import Axis
 from ..transmission.ranges import RPM, Array
 from .pictures import lost_power, scale, stack, worth_drawing
 from .style import BLUE, INK, ORANGE, few_ticks, icon, loss_style, styled, to_svg
@@ -54,8 +56,17 @@ _EDGE = np.array(
 _TREND_SAMPLES, _TREND_BINS = 24, 8
 
 
-def _shown(samples: Any, axis: str) -> Array:
-    return np.asarray(getattr(samples, axis)) * _AXES[axis][1]
+def _axis(axis: Axis) -> tuple[str, float, int, str]:
+    """Label, factor to what is shown, decimals and words of an axis; its own where none are set."""
+    if axis.name in _AXES:
+        return _AXES[axis.name]
+    unit = "" if axis.unit == "-" else f" {axis.unit}"
+    words = f"{axis.word} {{}}{unit}"
+    return f"{axis.word} [{axis.unit}]", 1.0, axis.digits, words
+
+
+def _shown(samples: Any, axis: Axis) -> Array:
+    return np.asarray(getattr(samples, axis.name)) * _axis(axis)[1]
 
 
 def _names(found: Diagnosis, samples: Any) -> list[str]:
@@ -72,7 +83,7 @@ def columns(found: Diagnosis) -> list[tuple[str, str, float, int]]:
     """Heading, axis, factor and decimals of each column that tells a place; speeds twice."""
     told = []
     for axis in found.axes:
-        label, factor, digits, _ = _AXES[axis.name]
+        label, factor, digits, _ = _axis(axis)
         told.append((label, axis.name, factor, digits))
         if label.endswith("[r/min]"):
             told.append((label.replace("r/min", "rad/s"), axis.name, 1.0, 1))
@@ -82,7 +93,7 @@ def columns(found: Diagnosis) -> list[tuple[str, str, float, int]]:
 def _in_words(found: Diagnosis, samples: Any, values: Array, chosen: Rows) -> list[str]:
     """Each of the chosen samples and its residual."""
     names = _names(found, samples)
-    axes = [(_AXES[axis.name], _shown(samples, axis.name)) for axis in found.axes]
+    axes = [(_axis(axis), _shown(samples, axis)) for axis in found.axes]
     return [
         f"{names[i]}: "
         + ", ".join(
@@ -148,7 +159,7 @@ def gap_map(found: Diagnosis) -> Figures:
         for kind, (at, _) in marks.items()
     }
     views = []
-    for across, up in itertools.combinations([axis.name for axis in found.axes], 2):
+    for across, up in itertools.combinations(found.axes, 2):
         at = np.column_stack([_shown(found.samples, across), _shown(found.samples, up)])
         with styled(_MAP) as figure:
             axes = figure.subplots()
@@ -160,8 +171,8 @@ def gap_map(found: Diagnosis) -> Figures:
             axes.set(
                 xlim=axes.get_xlim(),
                 ylim=axes.get_ylim(),
-                xlabel=_AXES[across][0],
-                ylabel=_AXES[up][0],
+                xlabel=_axis(across)[0],
+                ylabel=_axis(up)[0],
             )
             few_ticks(axes)
             for kind, (rows, heights) in marks.items():
@@ -170,11 +181,9 @@ def gap_map(found: Diagnosis) -> Figures:
             views.append(
                 to_svg(
                     figure,
-                    f"map-{across}-{up}".replace("_", "-"),
-                    (
-                        f"Map of residuals: {_AXES[up][0]} over {_AXES[across][0]}; triangles down where "
-                        "the bench lies below the model, up where above"
-                    ),
+                    f"map-{across.name}-{up.name}".replace("_", "-"),
+                    f"Map of residuals: {_axis(up)[0]} over {_axis(across)[0]}; "
+                    "triangles down where the bench lies below the model, up where above",
                     tips,
                 )
             )
@@ -195,13 +204,15 @@ def _scatter(axes: Any, kind: str, at: Any, height: Any) -> None:
     )
 
 
-def _outline(axes: Any, found: Diagnosis, view: tuple[str, str], marks: Array) -> None:
+def _outline(
+    axes: Any, found: Diagnosis, view: tuple[Axis, Axis], marks: Array
+) -> None:
     """Outline the places that do not span the whole view, each with its number beside the marks."""
     low, high = np.column_stack([axes.get_xlim(), axes.get_ylim()])
     taken = (marks - low) / (high - low)
     for number, region in enumerate(found.where, 1):
         ends = np.transpose(
-            [np.multiply(region.limits[axis], _AXES[axis][1]) for axis in view]
+            [np.multiply(region.limits[axis.name], _axis(axis)[1]) for axis in view]
         )
         box = (ends - low) / (high - low)
         if np.all(box[1] - box[0] > _WHOLE):
@@ -288,7 +299,7 @@ def residual_table(found: Diagnosis) -> dict[str, Any]:
     )
     unit = "%" if channel.unit == "points" else channel.unit
     told = [
-        (_AXES[axis.name][0], _shown(samples, axis.name), _AXES[axis.name][2] + 1)
+        (_axis(axis)[0], _shown(samples, axis), _axis(axis)[2] + 1)
         for axis in found.axes
     ]
     told += [
@@ -350,9 +361,13 @@ def test_rows(found: Diagnosis) -> list[tuple[Any, ...]]:
     ]
 
 
-def draw_residuals(figure: Any, found: Diagnosis) -> None:
-    """Draw the residuals before and after on an empty matplotlib figure."""
+def draw_residuals(figure: Any, found: Diagnosis, ax: Any = None) -> None:
+    """Draw the residuals before and after on an empty matplotlib figure, or the last into axes."""
     panels, reach = _panels(found)
+    if ax is not None:
+        title, values = list(panels.items())[-1]
+        _panel(ax, found, title, values, reach)
+        return
     for axes, (title, values) in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
     ):
@@ -362,14 +377,15 @@ def draw_residuals(figure: Any, found: Diagnosis) -> None:
 def _across(found: Diagnosis) -> tuple[str, Array]:
     """Label and values of the axis along which the first place is narrowest."""
 
-    def width(axis: str) -> float:
-        span = np.ptp(getattr(found.samples, axis))
-        return float(np.ptp(found.where[0].limits[axis]) / max(span, 1e-12))
+    def width(axis: Axis) -> float:
+        span = np.ptp(getattr(found.samples, axis.name))
+        return float(np.ptp(found.where[0].limits[axis.name]) / max(span, 1e-12))
 
-    names = [axis.name for axis in found.axes]
-    (speed,) = (name for name in names if name.endswith("speed"))
-    axis = min(names, key=width) if found.where else speed
-    return _AXES[axis][0], _shown(found.judged, axis)
+    speeds = [axis for axis in found.axes if axis.name.endswith("speed")]
+    axis = speeds[0] if speeds else found.axes[0]
+    if found.where:
+        axis = min(found.axes, key=width)
+    return _axis(axis)[0], _shown(found.judged, axis)
 
 
 def _panel(

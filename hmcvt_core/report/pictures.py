@@ -74,8 +74,20 @@ def save(draw: Callable[..., None], path: str | os.PathLike[str], *shown: Any) -
     write_atomically(Path(path), content)
 
 
-def drawn(draw: Callable[..., None], *shown: Any, **options: Any) -> Any:
-    """Return a matplotlib figure that a notebook shows; `draw` takes an empty one first."""
+def drawn(
+    draw: Callable[..., None], *shown: Any, ax: Any = None, **options: Any
+) -> Any:
+    """Return a matplotlib figure that a notebook shows.
+
+    Args:
+        draw: takes an empty figure, what is shown, and the axes as `ax` where there are some.
+        shown: what is shown.
+        ax: matplotlib Axes to draw into; None makes a figure.
+        options: of `draw`.
+    """
+    if ax is not None:
+        draw(ax.figure, *shown, ax=ax, **options)
+        return ax.figure
     with styled(_SIZE) as figure:
         draw(figure, *shown, **options)
     figure._repr_png_ = lambda: to_png(figure, 80)

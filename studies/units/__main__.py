@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from hmcvt_core.diagnosis.result import NAMING
+from hmcvt_core.diagnosis.results.outcome import NAMING
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.fleet.executors import Processes
 from studies.page import Goal, goal_table, render, table

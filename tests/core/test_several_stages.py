@@ -8,7 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis import words
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.physics.effects.actuator import DisplacementOffset
 from hmcvt_core.physics.effects.mechanical import ClutchDrag, GearEfficiency
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES

@@ -8,7 +8,8 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import OilTemperature, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, PlanetaryMesh

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis import words
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,
@@ -135,7 +135,7 @@ def test_two_effects_are_named_together():
 @pytest.mark.parametrize(
     "other, stroke, exponent, noise, seed, gauge",
     [
-        # Beside the bare base model these orifices show in nothing: it has bent for the larger leak.
+        # The base model alone hides these orifices: it has bent for the larger leak.
         (OrificeLeakage(3e-4), 1e-10, 1.3, 0.003, 1, None),
         (OrificeLeakage(2e-4), 1.5e-10, 1.3, 0.001, 1, None),
         (OutputTorqueZero(6.7), 1.13e-10, 1.78, 0.001, 30, 5e4),  # at the edge of stall
@@ -245,6 +245,8 @@ def test_json_of_the_contract(name):
         "next_tests",
         "unlisted_probability",
         "notes",
+        "parameters",
+        "seed",
     }
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")
     gap, shrinkage, causes = data["gap"], data["shrinkage"], data["causes"]
@@ -477,7 +479,7 @@ def test_noise_that_nobody_stated_is_told_as_what_it_looks_like():
     found = hmcvt.diagnose(SHIPPED, replace(SIMULATED, efficiency_std=None))
     (note,) = (note for note in found.notes if "noise" in note)
     stated = re.fullmatch(
-        r"nobody stated the noise; it looks like ([\d.]+) points, 0\.\d\d times "
+        r"the noise was not stated; it looks like ([\d.]+) points, 0\.\d\d times "
         r"what is assumed: --noise ([\d.]+) states that",
         note,
     )
@@ -490,12 +492,12 @@ def test_the_papers_own_tests_rest_on_the_noise(table2):
         hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085)
     )
     assert assumed.verdict == "no_gap"
-    (note,) = (note for note in assumed.notes if "nobody stated the noise" in note)
+    (note,) = (note for note in assumed.notes if "the noise was not stated" in note)
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
-    assert not any("nobody stated" in note for note in stated.notes)
+    assert not any("was not stated" in note for note in stated.notes)
     assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
-    assert "no place is significant by itself" in stated.report()
+    assert "no region is significant by itself" in stated.report()
 
 
 def test_rows_in_another_order_and_wrong_base_parameters_change_nothing():

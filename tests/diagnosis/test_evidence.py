@@ -6,8 +6,13 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
 
-from hmcvt_core.diagnosis.evidence import Linear, evidence, gram, respread
-from hmcvt_core.diagnosis.rivals import Foretold
+from hmcvt_core.diagnosis.fitting.evidence import (
+    LinearModel,
+    change_of_prior_scale,
+    gram,
+    model_evidence,
+)
+from hmcvt_core.diagnosis.selection.prediction import Prediction
 
 CERTAIN = 1e8
 """So much worth that the noise stays as stated."""
@@ -22,9 +27,9 @@ def _problem(seed, n=7, p=3, channels=2):
     )
 
 
-def _weigh(columns, target, spread, trust=CERTAIN, signs=None):
-    trusts = np.full(columns.shape[0], trust)
-    return evidence(
+def _weigh(columns, target, spread, prior_dof=CERTAIN, signs=None):
+    trusts = np.full(columns.shape[0], prior_dof)
+    return model_evidence(
         gram(columns, target)[None], target.shape[1], spread[None], trusts, signs
     )
 
@@ -33,7 +38,9 @@ def _as_size(*problem, index, sign=1.0):
     """Log factor for a coefficient that is the size of an effect."""
     signs = np.full(problem[0].shape[-1], np.nan)
     signs[index] = sign
-    return (_weigh(*problem, signs=signs).log - _weigh(*problem).log)[0]
+    return (_weigh(*problem, signs=signs).log_evidence - _weigh(*problem).log_evidence)[
+        0
+    ]
 
 
 def _dense(columns, target, spread, mean=None):
@@ -49,7 +56,7 @@ def test_log_evidence_is_that_of_the_dense_normal(channels, p):
         columns, target, spread = _problem(seed, p=p, channels=channels)
         found = _weigh(columns, target, spread)
         # What `evidence` leaves out is common to every hypothesis.
-        log = found.log[0] + 0.5 * channels * (
+        log = found.log_evidence[0] + 0.5 * channels * (
             CERTAIN - target.shape[1] * np.log(2.0 * np.pi)
         )
         assert log == pytest.approx(_dense(columns, target, spread), abs=1e-4)
@@ -75,27 +82,29 @@ def test_noise_follows_the_data_when_the_statement_is_worth_little():
     target = columns @ coefficients + np.array([[2.0], [0.5]]) * rng.standard_normal(
         (2, n)
     )
-    found = _weigh(columns, target, np.array([5.0, 5.0]), trust=1.0)
+    found = _weigh(columns, target, np.array([5.0, 5.0]), prior_dof=1.0)
     np.testing.assert_allclose(np.sqrt(found.noise[0]), [2.0, 0.5], rtol=0.1)
     np.testing.assert_allclose(found.mean[0], coefficients, atol=0.2)
-    stated = _weigh(columns, target, np.array([5.0, 5.0]), trust=1e4)
+    stated = _weigh(columns, target, np.array([5.0, 5.0]), prior_dof=1e4)
     assert 1.0 < stated.noise[0, 0] < 2.0, "a statement worth more pulls towards itself"
 
 
 def test_log_evidence_changes_with_the_weight_of_a_sample_by_its_likelihood():
-    (columns, target, spread), trust = _problem(4, n=30), np.array([8.0, 1.0])
+    (columns, target, spread), prior_dof = _problem(4, n=30), np.array([8.0, 1.0])
 
     def weighed(step):
         root = np.sqrt(np.append(1.0 + step, np.ones(29)))
-        return evidence(
+        return model_evidence(
             gram(columns * root[:, None], target * root)[None],
             np.array([[30.0 + step]]),
             spread[None],
-            trust,
+            prior_dof,
         )
 
-    here = Linear(columns, target, spread, spread, *(each[0] for each in weighed(0.0)))
-    slope = (weighed(0.01).log[0] - weighed(-0.01).log[0]) / 0.02
+    here = LinearModel(
+        columns, target, spread, spread, *(each[0] for each in weighed(0.0))
+    )
+    slope = (weighed(0.01).log_evidence[0] - weighed(-0.01).log_evidence[0]) / 0.02
     assert here.likelihoods[0] == pytest.approx(slope, abs=0.01)
 
 
@@ -137,7 +146,7 @@ def test_other_priors_are_weighed_as_if_from_the_start():
     found, own = _weigh(columns, target, spread), slice(2, 4)
     signs = np.array([np.nan, np.nan, 1.0, 0.0])
     others = np.array([[0.3, 2.0], [4.0, 0.1]])
-    gains = respread(
+    gains = change_of_prior_scale(
         found.mean[0, own],
         found.covariance[0, own, own],
         spread[own],
@@ -146,7 +155,9 @@ def test_other_priors_are_weighed_as_if_from_the_start():
     )
     for other, gain in zip(others, gains, strict=True):
         direct = _weigh(columns, target, np.append(spread[:2], other), signs=signs)
-        assert found.log[0] + gain == pytest.approx(direct.log[0], abs=1e-5)
+        assert found.log_evidence[0] + gain == pytest.approx(
+            direct.log_evidence[0], abs=1e-5
+        )
 
 
 @pytest.mark.parametrize("far", [40.0, 1e6])
@@ -158,7 +169,7 @@ def test_one_sided_stays_finite_far_on_the_wrong_side(far):
 
 
 def test_a_point_that_was_read_makes_another_surer():
-    told = Foretold(np.zeros((1, 2)), np.ones((1, 2, 1)), np.eye(1))
-    assert told.measured(0).spread.ravel() == pytest.approx(
+    told = Prediction(np.zeros((1, 2)), np.ones((1, 2, 1)), np.eye(1))
+    assert told.after_reading(0).reading_covariance.ravel() == pytest.approx(
         [0.5, 0.5]
     )  # 1 - 1 / (1 + 1)

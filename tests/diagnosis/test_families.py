@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, linearise
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import linearise
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.base import Effect
@@ -194,7 +195,7 @@ def left():
         return read / bench.deviation
 
     def signature(effect):
-        return fit.left((predicted(effect) - predicted())[None])[0]
+        return fit.project_out((predicted(effect) - predicted())[None])[0]
 
     found = {}
     for name, published in PUBLISHED.items():

@@ -52,9 +52,9 @@ def test_samples_seen_before_or_beyond_stall_are_left_out_and_counted():
     found = hmcvt.diagnose(
         BASE, SAMPLES, with_column(held, load_torque=load), noise=NOISE
     )
-    assert any("10 of 13 samples held out are among" in note for note in found.notes)
+    assert any("10 of 13 held-out samples are among" in note for note in found.notes)
     assert any(
-        "2 of 3 samples held out ask" in note and "sample 11 (" in note
+        "2 of 3 held-out samples ask" in note and "sample 11 (" in note
         for note in found.notes
     )
     shrunk = found.shrinkage

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary, words
-from hmcvt_core.diagnosis.result import CauseSet
+from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
+from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.results.outcome import CauseSet
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html
 

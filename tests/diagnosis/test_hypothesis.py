@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, freed, linearise, refit
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import linearise, refit, with_free_shapes
 from hmcvt_core.diagnosis.system import forms_of
 from hmcvt_core.physics.effects.hydraulic import PistonLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, GearMesh
@@ -53,21 +54,21 @@ def test_shapes_are_fitted_between_the_values_of_their_grid():
     start = refit(
         Hypothesis(SYSTEM, (ChargePump(), GearMesh())), _exact([ChargePump(4.0), truth])
     )
-    found = freed(start)
+    found = with_free_shapes(start)
     assert found.effects[1].values() == pytest.approx(truth.values(), rel=0.05)
     assert found.sizes == pytest.approx([1.0, 1.5], rel=0.05)
-    beyond = freed(
+    beyond = with_free_shapes(
         refit(Hypothesis(SYSTEM, (Churning(),)), _exact([Churning(8.0, exponent=3.0)]))
     )
     assert beyond.effects[0].exponent == 2.0
-    pistons = freed(
+    pistons = with_free_shapes(
         refit(
             Hypothesis(SYSTEM, (PistonLeakage(motor_part=1.0),)),
             _exact([PistonLeakage(3e-11, motor_part=0.0)]),
         )
     )
     assert pistons.effects[0].motor_part == 1.0  # a switch
-    again = freed(found)
+    again = with_free_shapes(found)
     np.testing.assert_allclose(again.theta, found.theta, rtol=1e-2, atol=1e-4)
 
 
@@ -117,9 +118,9 @@ def test_a_refit_is_where_the_penalised_squares_are_least_and_its_jacobian_their
     assert np.abs(slope / np.sqrt(curvature + 1.0)).max() < 0.05, (
         "standard deviations off"
     )
-    trust, squares = observed.trust, np.sum(found.whitened**2, axis=1)
+    prior_dof, squares = observed.prior_dof, np.sum(found.whitened**2, axis=1)
     np.testing.assert_allclose(
-        found.noise, (trust + squares) / (trust + 40 - 5 / 2), rtol=2e-2
+        found.noise, (prior_dof + squares) / (prior_dof + 40 - 5 / 2), rtol=2e-2
     )
     step = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3])
     moved, here = (
@@ -158,7 +159,7 @@ def test_readings_turn_where_the_motor_comes_to_rest():
     }
     hypothesis, theta = Hypothesis(SYSTEM), np.append(TRUE, 0.0)
     _, speed, pressure = here = hypothesis.predict(theta, points)
-    turning = hypothesis.turning(theta, points, CHANNELS, here)
+    turning = hypothesis.local_variation(theta, points, CHANNELS, here)
     assert (turning[0] == 0.0).all()  # the noise of what is served is as stated
     standing = np.abs(speed / 150.0 - BASE.stage.mechanical_speed_ratio) < 0.005
     assert (
@@ -182,13 +183,13 @@ def test_what_is_handed_over_meets_what_is_served():
         0.001,
     )
     likeliest, served = (
-        np.mean(each.whitened**2, axis=1) for each in (fit, fit.delivered(np.ones(2)))
+        np.mean(each.whitened**2, axis=1) for each in (fit, fit.served_fit(np.ones(2)))
     )
     assert likeliest[1] < 1.5 and served[0] < 0.3 * likeliest[0]
 
 
 def test_effects_with_the_wrong_sign_are_refitted_below_zero():
-    hypothesis = Hypothesis(SYSTEM, (Churning(),), opposite=True)
+    hypothesis = Hypothesis(SYSTEM, (Churning(),), reversed_sign=True)
     observed = observe(campaign((Churning(-8.0),), seed=2), 0.003)
     assert refit(hypothesis, observed).effects[0].torque == pytest.approx(-8.0, rel=0.2)
     np.testing.assert_array_equal(hypothesis.signs, [np.nan] * 4 + [-1.0])

@@ -8,8 +8,8 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.intake import admitted, spread_out
-from hmcvt_core.diagnosis.observations import LARGE
+from hmcvt_core.diagnosis.preparation import prepare, spread_out
+from hmcvt_core.diagnosis.settings import MOST_SAMPLES
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 from tests.diagnosis.campaigns import BASE, NOISE, campaign, joined, with_column
@@ -18,13 +18,15 @@ from tests.diagnosis.campaigns import BASE, NOISE, campaign, joined, with_column
 def test_samples_are_kept_where_they_are_few():
     # A long dwell at one point, and a sweep of the whole range.
     dwell = campaign(seed=6, n=1).select(np.zeros(9000, dtype=int))
-    kept = spread_out(observe(joined(dwell, campaign(seed=5, n=600))), LARGE)
-    assert (len(kept), len(np.unique(kept))) == (LARGE, LARGE)
+    kept = spread_out(observe(joined(dwell, campaign(seed=5, n=600))), MOST_SAMPLES)
+    assert (len(kept), len(np.unique(kept))) == (MOST_SAMPLES, MOST_SAMPLES)
     assert (np.diff(kept) > 0).all()
     assert (kept >= 9000).sum() == 600, "all of the sweep"
-    even = spread_out(observe(campaign(seed=3, n=4000)), LARGE)
-    parts, _ = np.histogramdd(observe(campaign(seed=3, n=4000)).place.T[even], bins=4)
-    whole, _ = np.histogramdd(observe(campaign(seed=3, n=4000)).place.T, bins=4)
+    even = spread_out(observe(campaign(seed=3, n=4000)), MOST_SAMPLES)
+    parts, _ = np.histogramdd(
+        observe(campaign(seed=3, n=4000)).coordinates.T[even], bins=4
+    )
+    whole, _ = np.histogramdd(observe(campaign(seed=3, n=4000)).coordinates.T, bins=4)
     assert (parts[whole > 20] >= 4).all()
 
 
@@ -32,7 +34,7 @@ def test_lone_slips_are_left_out_and_a_narrow_gap_is_not():
     quiet = campaign(seed=5, n=3000)
     slipped = quiet.efficiency.copy()
     slipped[::100] -= 0.05
-    base, notes = admitted(
+    base, notes = prepare(
         Transmission(BASE), observe(with_column(quiet, efficiency=slipped), NOISE)
     )
     assert notes[0].startswith(
@@ -42,9 +44,12 @@ def test_lone_slips_are_left_out_and_a_narrow_gap_is_not():
     assert notes[1:] == [
         "1000 of 2970 samples are weighed, evenly spread over the operating points"
     ]
-    assert len(base.observed) == LARGE and not (base.observed.number % 100 == 0).any()
+    assert (
+        len(base.observed) == MOST_SAMPLES
+        and not (base.observed.number % 100 == 0).any()
+    )
     narrow = quiet.efficiency - 0.05 * (np.abs(quiet.engine_speed - 150.0) < 1.0)
-    _, notes = admitted(
+    _, notes = prepare(
         Transmission(BASE), observe(with_column(quiet, efficiency=narrow), NOISE)
     )
     assert "alone" not in notes[0]
@@ -57,7 +62,9 @@ def test_two_causes_in_many_samples_are_named():
     assert found.verdict in ("cause_found", "ambiguous")
     assert found.sets[0].effects == ("churning", "pressure_leakage")
     assert found.unlisted < 0.05
-    assert found.gap.samples == len(found.samples) == len(found.residuals) == LARGE
+    assert (
+        found.gap.samples == len(found.samples) == len(found.residuals) == MOST_SAMPLES
+    )
     assert found.gap.noise == pytest.approx(NOISE, rel=0.1)
     assert found.gap.rmse == pytest.approx(np.sqrt(np.mean(found.residuals**2)))
     assert re.search(r"note: 1000 of \d{5} samples are weighed", found.report())

@@ -79,7 +79,7 @@ def test_where_the_noise_comes_from():
     np.testing.assert_allclose(assumed.deviation[0], 0.0112 * samples.efficiency)
     np.testing.assert_allclose(assumed.deviation[1], 0.001 * samples.output_speed)
     of_power, of_speed = (
-        given.unit_loss
+        given.unit_discrepancy
     )  # what is lost of the speed is lost of the power too
     np.testing.assert_allclose(of_power, [[1.0 / 0.003] * 20, [0.0] * 20])
     np.testing.assert_allclose(
@@ -91,14 +91,14 @@ def test_where_the_noise_comes_from():
         "assumed, 1.12 % (paper, eq. (3))",
     ]
     assert [item.assumed for item in (given, column, assumed)] == [False, False, True]
-    assert [item.trust[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
+    assert [item.prior_dof[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
     few = np.arange(15)
     assert [
-        observe(item.select(few), noise).trust.tolist()
+        observe(item.select(few), noise).prior_dof.tolist()
         for item, noise in ((stated, None), (samples, None))
     ] == [[30.0, 1.0], [3.0, 1.0]]
-    again = assumed.stating(0.004)
-    assert (again.usual_noise, again.assumed, again.trust[0]) == (
+    again = assumed.with_stated_noise(0.004)
+    assert (again.stated_noise, again.assumed, again.prior_dof[0]) == (
         pytest.approx(0.004),
         False,
         8.0,

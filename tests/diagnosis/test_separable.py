@@ -43,8 +43,8 @@ def test_a_mimic_never_makes_an_effect_more_visible(speed_noise):
     ):
         i, j = found.effects.index(one), found.effects.index(other)
         assert found.separation[i, j] < 0.02 * found.detectability[i]
-        assert other in found.twins(one)
-    assert "pressure_leakage" not in found.twins("charge_pump")
+        assert other in found.indistinguishable_from(one)
+    assert "pressure_leakage" not in found.indistinguishable_from("charge_pump")
 
 
 def test_more_samples_and_another_channel_never_lower_it():
@@ -79,7 +79,7 @@ def test_points_planned_twice_do_not_state_the_noise():
     once = hmcvt.BenchSamples(*points[:3], BASE.solution_at(points).efficiency)
     thrice = once.select(np.repeat(np.arange(12), 3))
     single, triple = (hmcvt.separable(BASE, plan) for plan in (once, thrice))
-    assert triple.plan.usual_noise == pytest.approx(single.plan.usual_noise)
+    assert triple.plan.stated_noise == pytest.approx(single.plan.stated_noise)
     assert (triple.detectability >= single.detectability * (1.0 - 1e-9)).all()
     assert (triple.detectability <= 3.0 * single.detectability * (1.0 + 1e-9)).all()
 
@@ -99,14 +99,16 @@ def test_what_cannot_be_told_apart_comes_with_what_would():
         assert item["told_by_output_speed"] == [
             other
             for other in item["indistinguishable_from"]
-            if other not in both.twins(name)
+            if other not in both.indistinguishable_from(name)
         ]
     visible = np.flatnonzero(found.detectability >= 9.0)
-    assert [found.effects[i] for i in visible if found.twins(found.effects[i])] == list(
-        confused
-    )
+    assert [
+        found.effects[i]
+        for i in visible
+        if found.indistinguishable_from(found.effects[i])
+    ] == list(confused)
     text = found.report()
-    assert "reading the output speed too tells it from" in text
+    assert "reading the output speed too distinguishes it from" in text
     assert max(map(len, text.splitlines())) <= 100
     assert not _matrix(campaign(seed=1)).report().count("reading the output speed")
 

@@ -7,20 +7,24 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.evidence import cross_validated_errors, deals, weigh
+from hmcvt_core.diagnosis.fitting.cross_validation import (
+    cross_validated_errors,
+    fold_assignments,
+)
+from hmcvt_core.diagnosis.fitting.evidence import linear_models
 from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.procedure import shrinkage
+from hmcvt_core.diagnosis.results.shrinkage import shrinkage
 
 from .campaigns import campaign, measure, random_points
 
 
-def _observed(samples, trust=1e8):
+def _observed(samples, prior_dof=1e8):
     observed = observe(replace(samples, output_speed=None), 0.01)
-    return replace(observed, trust=np.array([trust]))
+    return replace(observed, prior_dof=np.array([prior_dof]))
 
 
 def _linear(observed, columns, target, spread, signs=np.nan):
-    (linear,) = weigh(
+    (linear,) = linear_models(
         observed, columns, target, spread[None], np.broadcast_to(signs, spread.shape)
     )
     return linear
@@ -28,7 +32,7 @@ def _linear(observed, columns, target, spread, signs=np.nan):
 
 @pytest.mark.parametrize("n", [5, 24, 96])
 def test_every_sample_is_left_out_once(n):
-    parts = deals(_observed(campaign(n=n, seed=1)), 0)[0]
+    parts = fold_assignments(_observed(campaign(n=n, seed=1)), 0)[0]
     assert sorted(np.concatenate(parts).tolist()) == list(range(n))
     sizes = [len(part) for part in parts]
     assert max(sizes) - min(sizes) <= 1
@@ -43,18 +47,23 @@ def test_repeated_points_are_left_out_together():
     observed = _observed(measure(thrice, seed=2))
     group = replicate_groups(observed.axes, observed.points)
     assert len(np.unique(group)) == 20
-    for part in deals(observed, 3)[0]:
+    for part in fold_assignments(observed, 3)[0]:
         inside = np.isin(np.arange(60), part)
         assert not set(group[inside]) & set(group[~inside])
 
 
 def test_folds_follow_the_seed_and_are_dealt_anew_where_that_matters():
     observed = _observed(campaign(seed=1))
-    same = [[part.tolist() for part in deals(observed, seed)[0]] for seed in (4, 4, 5)]
+    same = [
+        [part.tolist() for part in fold_assignments(observed, seed)[0]]
+        for seed in (4, 4, 5)
+    ]
     assert same[0] == same[1]
     assert same[0] != same[2]
-    assert len(deals(observed, 0)) == 8
-    assert len(deals(_observed(campaign(seed=1, n=12)), 0)) == 1, "every sample alone"
+    assert len(fold_assignments(observed, 0)) == 8
+    assert len(fold_assignments(_observed(campaign(seed=1, n=12)), 0)) == 1, (
+        "every sample alone"
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,18 +104,18 @@ def test_fraction(before, after, noise, expected):
 
 
 @pytest.mark.parametrize(
-    ("before", "real"),
+    ("before", "significant"),
     [(0.02, False), (0.004, True)],
     ids=["not significant", "below the noise"],
 )
-def test_without_a_gap_there_is_no_fraction(before, real):
+def test_without_a_gap_there_is_no_fraction(before, significant):
     found = shrinkage(
         np.full(20, before),
         np.full(20, 0.001),
         np.array(0.005),
         "cross-validation",
         seed=0,
-        real=real,
+        significant=significant,
     )
     assert found.fraction is None
     assert found.interval is None
@@ -119,13 +128,13 @@ def test_a_gap_is_at_least_what_all_channels_foretell():
         np.array(0.005),
         "cross-validation",
         seed=0,
-        least=np.array([4e-6, 1e-6]),
+        expected=np.array([4e-6, 1e-6]),
     )
     assert (found.before, found.after, found.fraction) == pytest.approx(
         (0.002, 0.001, 0.75)
     )
     seen = shrinkage(
-        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, least=np.array([0, 1e-4])
+        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, expected=np.array([0, 1e-4])
     )
     assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), (
         "hardly hidden"
@@ -142,7 +151,7 @@ def test_errors_are_those_of_a_fit_to_the_others():
     observed = _observed(campaign(n=30, seed=1))
     columns, target = _problem()
     spread = np.array([1.0, 2.0, 3.0])
-    parts = deals(observed, 0)[0]
+    parts = fold_assignments(observed, 0)[0]
     errors = cross_validated_errors(
         _linear(observed, columns, target, spread), observed, [parts]
     )
@@ -159,7 +168,7 @@ def test_errors_are_those_of_a_fit_to_the_others():
 def test_several_deals_are_averaged_in_squares_with_the_sign_of_the_mean():
     observed = _observed(campaign(n=30, seed=1))
     model = _linear(observed, *_problem(), np.ones(3))
-    dealt = deals(observed, 0)
+    dealt = fold_assignments(observed, 0)
     each = np.stack(
         [cross_validated_errors(model, observed, [parts]) for parts in dealt]
     )
@@ -174,7 +183,7 @@ def test_a_size_that_goes_negative_is_held_at_zero():
     columns = rng.standard_normal((1, 30, 2))
     target = columns @ np.array([1.0, -3.0])
     held, without = (
-        cross_validated_errors(linear, observed, deals(observed, 0)[:1])
+        cross_validated_errors(linear, observed, fold_assignments(observed, 0)[:1])
         for linear in (
             _linear(observed, columns, target, np.ones(2), signs=[np.nan, 1.0]),
             _linear(observed, columns[..., :1], target, np.ones(1)),

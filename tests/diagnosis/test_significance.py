@@ -6,9 +6,10 @@ import pytest
 from scipy.stats import kstest
 
 from hmcvt_core.benches.transmission import observe
-from hmcvt_core.diagnosis.intake import uneven_noise
+from hmcvt_core.diagnosis.detection.regions import candidate_regions, covering
+from hmcvt_core.diagnosis.detection.significance import significance
 from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
-from hmcvt_core.diagnosis.regions import covering, regions, significance
+from hmcvt_core.diagnosis.preparation import uneven_noise
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import OperatingPoints
 
@@ -21,7 +22,9 @@ CAMPAIGNS = [campaign(seed=1000 + seed, n=16) for seed in range(24)]
 
 def _search(samples, stated=NOISE, replicates=REPLICATES, seed=0):
     known = fitted(samples, stated)
-    return significance(known, regions(known.observed.place), seed, replicates)
+    return significance(
+        known, candidate_regions(known.observed.coordinates), seed, replicates
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +53,7 @@ def test_a_loss_in_one_place_is_found_there():
 
     samples = campaign(seed=4, loss=loss)
     found = _search(samples)
-    boxes = regions(fitted(samples).observed.place)
+    boxes = candidate_regions(fitted(samples).observed.coordinates)
     assert found.p_value <= 0.02
     inside = np.abs(samples.engine_speed - 150.0) < 12.0
     common = (boxes.members & inside).sum(axis=1) / (boxes.members | inside).sum(axis=1)
@@ -120,7 +123,7 @@ def test_the_p_values_follow_the_statistics_and_the_seed():
 
 
 PLACES = {
-    name: observe(samples).place
+    name: observe(samples).coordinates
     for name, samples in {
         "random 96": campaign(seed=1),
         "random 24": campaign(seed=2, n=24),
@@ -133,7 +136,7 @@ stroke, _, load = PLACES["random 96"]
 
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES.keys())
 def test_regions_differ_hold_enough_and_leave_enough_outside(place):
-    boxes = regions(place)
+    boxes = candidate_regions(place)
     n, inside = place.shape[1], boxes.members.sum(axis=1)
     assert len({row.tobytes() for row in boxes.members}) == len(boxes) > 0
     least = 4 if n >= 32 else max(1, n // 8)
@@ -146,15 +149,20 @@ def test_regions_differ_hold_enough_and_leave_enough_outside(place):
 
 
 def test_how_many_there_are():
-    assert [len(regions(place)) for place in PLACES.values()] == [1994, 1034, 525, 25]
+    assert [len(candidate_regions(place)) for place in PLACES.values()] == [
+        1994,
+        1034,
+        525,
+        25,
+    ]
 
 
 def test_an_axis_without_extent_gives_no_regions_of_its_own():
-    boxes = regions(np.stack([stroke, np.full(96, 150.0), load]))
+    boxes = candidate_regions(np.stack([stroke, np.full(96, 150.0), load]))
     assert len(boxes) > 0
     np.testing.assert_array_equal(boxes.low[:, 1], 150.0)
     np.testing.assert_array_equal(boxes.high[:, 1], 150.0)
-    assert len(regions(np.ones((3, 12)))) == 0, "all samples at one point"
+    assert len(candidate_regions(np.ones((3, 12)))) == 0, "all samples at one point"
 
 
 def test_regions_give_way_to_better_ones():

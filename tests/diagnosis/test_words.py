@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from hmcvt_core.diagnosis import Region, words
-from hmcvt_core.diagnosis.result import Cause, CauseSet
+from hmcvt_core.diagnosis import Region
+from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.results.outcome import Cause, CauseSet
 
 from .campaigns import diagnosed
 
@@ -111,7 +112,7 @@ def test_where_it_lies():
         ),
         (
             _region((80.0, 110.0), p_value=0.06),
-            beyond + "and no single place stands out.",
+            beyond + "and no single region stands out.",
         ),
     ):
         assert words.verdict(replace(found, where=(region,))).startswith(start)
@@ -157,7 +158,7 @@ def test_verdicts():
         ),
     )
     assert (
-        "charge pump + churning (50 %) explains it best, but these data cannot tell it from "
+        "charge pump + churning (50 %) explains it best, but these data cannot distinguish it from "
         "charge pump (40 %)."
     ) in words.verdict(doubt)
     assert words.mechanic(doubt).startswith(
@@ -183,9 +184,9 @@ def test_verdicts():
     assert words.mechanic(smooth) == (
         "The model is slightly off, smoothly: too little to blame any part."
     )
-    assert "smoothly: smaller than what a cause would need" in words.verdict(smooth)
+    assert "smoothly: less than a cause would need" in words.verdict(smooth)
     for fraction, end in (
-        (None, "cannot be told from these samples."),
+        (None, "do not show how far the gap would shrink."),
         (-0.1, "the gap does not shrink yet."),
     ):
         told = replace(found, shrinkage=replace(found.shrinkage, fraction=fraction))

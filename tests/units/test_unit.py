@@ -17,7 +17,8 @@ from hmcvt_core.benches.unit import (
     observe_unit,
     put_into,
 )
-from hmcvt_core.diagnosis.hypothesis import Hypothesis, refit
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.files import data_path
 from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.evidence import Prior
@@ -185,7 +186,7 @@ def test_the_pair_in_a_transmission_loses_what_its_units_lost(tmp_path, tractor)
     save_model(model, tractor)
     model = load_model(tractor)
     assert {effect.part for effect in model.effects} == {"pump", "motor"}
-    assert set(model.provenance["units"]) == {"pump", "motor"}
+    assert set(model.units) == {"pump", "motor"}
     stage = model.stages["H0"]
     points = OperatingPoints(
         np.array([0.6, 1.0]), np.array([120.0, 180.0]), np.array([60.0, 150.0])

@@ -47,7 +47,8 @@ _WAYS = (
 def library(units: bool = False) -> tuple[type[Effect], ...]:
     """Return every effect class known, sorted by name and form; with `units` those of units too.
 
-    A class without a size, or a subclass with neither a name nor a form of its own, is none.
+    Classes without a size, and subclasses that define neither a name nor a form, are left out. A
+    class that is defined again, as when a cell of a notebook is run twice, replaces the earlier one.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
@@ -60,7 +61,8 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
         and (units or not effect.unit_only)
         and not {"name", "form"}.isdisjoint(vars(effect))
     ]
-    return tuple(sorted(found, key=lambda effect: (effect.name, effect.form)))
+    latest = {(effect.__module__, effect.__qualname__): effect for effect in found}
+    return tuple(sorted(latest.values(), key=lambda effect: (effect.name, effect.form)))
 
 
 @cache

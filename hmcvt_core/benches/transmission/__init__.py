@@ -1,0 +1,31 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A transmission on a bench: the system that the diagnosis examines, and its entry points."""
+
+from .analyses import diagnose, next_test, read_plan, separable
+from .channels import (
+    AXES,
+    CHANNELS,
+    EFFICIENCY_CHANNEL,
+    OIL_TEMPERATURE,
+    OUTPUT_SPEED_CHANNEL,
+    PRESSURE_CHANNEL,
+    STAGE,
+)
+from .readings import observe
+from .system import Transmission
+
+__all__ = [
+    "AXES",
+    "CHANNELS",
+    "EFFICIENCY_CHANNEL",
+    "OIL_TEMPERATURE",
+    "OUTPUT_SPEED_CHANNEL",
+    "PRESSURE_CHANNEL",
+    "STAGE",
+    "Transmission",
+    "diagnose",
+    "next_test",
+    "observe",
+    "read_plan",
+    "separable",
+]

@@ -1,0 +1,207 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What can be asked of a model and its bench: diagnosis, next test, and what a plan can show."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...diagnosis import Advice, Diagnosis, Isolability, diagnose_system, isolability
+from ...diagnosis import next_test as next_test_of_system
+from ...diagnosis.observations import Observations
+from ...diagnosis.system import Points
+from ...errors import InputError
+from ...files.bench import BenchSamples, read_columns
+from ...model.agreement import gear_train_remarks, pressure_remark, stage_of_each
+from ...model.model import EfficiencyModel
+from .base import scaled_base
+from .channels import AXES, CHANNELS
+from .readings import distinct_observations, held_out_observations, observe
+from .system import Transmission
+
+
+def diagnose(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    holdout: BenchSamples | None = None,
+    *,
+    noise: float | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+    validation: BenchSamples | None = None,
+) -> Diagnosis:
+    """Diagnose the gap between a model and a bench.
+
+    The base parameters of `model` are refitted first: a gap that a refit closes is no gap.
+
+    Args:
+        model: formulation `power_balance`; effects it already has stay.
+        samples: at least five bench samples; output speed, pressure and oil temperature are used
+            where the samples have them.
+        holdout: held-out samples to measure the shrinkage on, with their noise if they state
+            it; None for cross-validation.
+        noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`,
+            repeated points, or the paper's 1.12 %, in this order.
+        seed: of every random number.
+        progress: called with a line of text before each step; may raise to cancel.
+        validation: another name of `holdout`.
+
+    Returns:
+        The diagnosis; `report()` prints it, `to_dict()` is the object of `hmcvt diagnose --json`.
+
+    Raises:
+        InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
+            nothing new, or the formulation is another.
+    """
+    if holdout is None:
+        holdout = validation
+    stages = list(model.stages)
+    warnings = _warnings(model, samples)
+    observed, notes = distinct_observations(samples, noise, stages)
+    held_out = None
+    if holdout is not None:
+        held_out, more = held_out_observations(holdout, samples, stages)
+        notes += more
+    return diagnose_system(
+        Transmission(model, samples.pressure is not None),
+        observed,
+        held_out,
+        warnings=warnings,
+        notes=notes,
+        seed=seed,
+        progress=progress,
+    )
+
+
+def next_test(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    *,
+    noise: float | None = None,
+    possible: BenchSamples | None = None,
+    seed: int = 0,
+) -> Advice:
+    """Choose the test that tells most about what is still open, or say why to stop.
+
+    Args:
+        model: as of `diagnose`.
+        samples: as of `diagnose`.
+        noise: as of `diagnose`.
+        possible: the tests that can be run (their efficiency is not used); None for the working
+            range of engine and campaign.
+        seed: of every random number.
+
+    Raises:
+        InputError: as `diagnose`.
+    """
+    stages = list(model.stages)
+    warnings = _warnings(model, samples)
+    observed, notes = distinct_observations(samples, noise, stages)
+    points = None
+    if possible is not None:
+        points = _planned_points(possible, observed, noise, stages)
+    return next_test_of_system(
+        Transmission(model, samples.pressure is not None),
+        observed,
+        points,
+        notes=(*warnings, *notes),
+        seed=seed,
+    )
+
+
+def _planned_points(
+    plan: BenchSamples,
+    observed: Observations,
+    noise: float | None,
+    stages: Sequence[str],
+) -> Points:
+    """Operating points of a plan; an axis that it leaves out stays at the campaign's median."""
+    planned = observe(plan, noise, stages).points
+    points = {}
+    for name, measured in observed.points.items():
+        usual = np.full(len(plan), np.median(measured))
+        points[name] = planned.get(name, usual)
+    return points
+
+
+def _warnings(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
+    """Say why the readings may be of another machine; errors as of `stage_of_each`."""
+    remarks = gear_train_remarks(model, samples)
+    pressure = pressure_remark(model, samples)
+    if pressure:
+        remarks.append(pressure)
+    return remarks
+
+
+def separable(
+    model: EfficiencyModel,
+    plan: BenchSamples,
+    *,
+    noise: float | None = None,
+) -> Isolability:
+    """Say which effects a set of operating points can show and distinguish.
+
+    Args:
+        model: formulation `power_balance`; supplies the base parameters.
+        plan: operating points; the efficiency in it is not used, the presence of output speed,
+            pressure and oil temperature is.
+        noise: standard deviation of the efficiency [-]; None as in `diagnose`.
+    """
+    stages = list(model.stages)
+    system = Transmission(model, pressure=True)
+    observed = observe(plan, noise, stages)
+    base = scaled_base(system.base, model.parameters)
+    readings = system.predict(base, (), observed.points)
+    further_observed = None
+    for channel, row in zip(system.channels, readings, strict=True):
+        if getattr(plan, channel.name) is None:
+            # The first channel that the bench may read in addition.
+            further_plan = replace(plan, **{channel.name: row})
+            further_observed = observe(further_plan, noise, stages)
+            break
+    return isolability(system, observed, base, further_observed)
+
+
+def read_plan(
+    path: str | os.PathLike[str], model: EfficiencyModel, channels: Sequence[str] = ()
+) -> BenchSamples:
+    """Read operating points and fill in the readings that a model predicts there.
+
+    Args:
+        path: CSV as for `read_bench`; column `efficiency` may be missing and is not used.
+        model: supplies the readings.
+        channels: what will be read besides the efficiency; a column of that name says so too.
+
+    Raises:
+        InputError: as `read_bench` and `stage_of_each`, or the model has no answer at a point.
+    """
+    known, extra, table = read_columns(path, tuple(axis.name for axis in AXES))
+    plan = BenchSamples(
+        **{**known, "efficiency": np.ones(len(table.rows))},
+        extra=extra,
+        source=table.source,
+        sha256=table.sha256,
+        rows=tuple(table.rows),
+    )
+    stage_of_each(model.stages, plan)
+    names = [channel.name for channel in CHANNELS]
+    expected = dict(zip(names, model.readings_at(plan.points), strict=True))
+    unanswered = np.flatnonzero(np.isnan(expected["efficiency"]))
+    if len(unanswered):
+        row = int(unanswered[0])
+        raise InputError(
+            f"{path}: row {plan.rows[row]}: load_torque = {plan.load_torque[row]:g} "
+            f"cannot be carried there; {_largest_load(model, plan, row):.4g} N m can"
+        )
+    wanted = {"efficiency", *channels, *known}
+    readings = {name: row for name, row in expected.items() if name in wanted}
+    return replace(plan, **readings)
+
+
+def _largest_load(model: EfficiencyModel, plan: BenchSamples, row: int) -> float:
+    """Return the largest load torque that the model carries at a point of a plan [N m]."""
+    loads = plan.load_torque[row] * np.linspace(0.01, 1.0, 100)
+    points = replace(plan.select(np.full(len(loads), row)), load_torque=loads).points
+    efficiency = model.readings_at(points)[0]
+    return float(loads[np.isfinite(efficiency)].max(initial=0.0))

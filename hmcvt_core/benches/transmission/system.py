@@ -1,0 +1,232 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The served model of a transmission as a `System` of the diagnosis."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, cast
+
+import numpy as np
+
+from ...diagnosis.system import Array, Axis, Channel, Points
+from ...diagnosis.system import Effect as AnyEffect
+from ...errors import InputError
+from ...files.bench import BenchSamples
+from ...model.domain import Domain
+from ...model.model import EfficiencyModel
+from ...physics.effects import library
+from ...physics.effects.base import Effect
+from ...transmission import ranges
+from ...transmission.stage import Stage
+from .base import base_parameters, base_values, hydraulic_errors
+from .channels import (
+    AXES,
+    CHANNELS,
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    LOAD_TORQUE,
+    OIL_TEMPERATURE,
+    STAGE,
+)
+
+STANDSTILL = 0.02
+"""Stroke around motor standstill where friction changes its sense [-].
+
+Makers ask for 50 r/min where a motor has to run evenly (Bosch Rexroth, RA 91001): this stroke at
+2500 r/min.
+"""
+CANDIDATE_STROKES = 9
+CANDIDATE_SPEEDS = 6
+CANDIDATE_LOADS = 6
+"""Grid of candidate tests along each axis; chosen on development campaigns."""
+LEAST_POWER = 4e3
+"""Output power below which benches read the efficiency poorly [W]; chosen for candidate tests."""
+
+_COST_OF_MISSING_COLUMN = {
+    "output_speed": "losses of flow and of torque look alike",
+    "oil_temperature": "viscosity cannot be judged",
+}
+
+
+class Transmission:
+    """A served model as a `System`; the effects that the model has already stay in it.
+
+    Args:
+        model: formulation `power_balance`.
+        pressure: whether the bench reads the pressure over the motor.
+
+    Raises:
+        InputError: the formulation is not `power_balance`.
+    """
+
+    axes: tuple[Axis, ...] = (*AXES, OIL_TEMPERATURE, STAGE)
+    channels: tuple[Channel, ...] = CHANNELS
+    refusal = "ask for a load that the model cannot carry"
+    advice = "check load_torque, which is output power / engine speed, and the stage"
+
+    def __init__(self, model: EfficiencyModel, pressure: bool = False) -> None:
+        if model.formulation != "power_balance":
+            raise InputError(
+                f"diagnosis needs formulation power_balance, not {model.formulation!r}"
+            )
+        self.model = model
+        stages = (model.stage, *model.other_stages)
+        if all(stage.layout == "input_coupled" for stage in stages):
+            # Only in this layout does the motor stand still at a stroke that is known: zero.
+            stroke = replace(DISPLACEMENT_RATIO, transition_width=STANDSTILL)
+            self.axes = (stroke, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
+        self.base = base_parameters(pressure)
+        self.library: tuple[AnyEffect, ...] = _missing_effects(model)
+
+    def _refitted(self, base: Array, effects: Sequence[AnyEffect]) -> EfficiencyModel:
+        values = base_values(self.base, base)
+        return replace(
+            self.model,
+            stage=_with_gear_loss(self.model.stage, values.gear_loss),
+            other_stages=tuple(
+                _with_gear_loss(stage, values.gear_loss)
+                for stage in self.model.other_stages
+            ),
+            parameters=values.hydraulics,
+            effects=(*self.model.effects, *cast("Sequence[Effect]", effects)),
+        )
+
+    def predict(
+        self, base: Array, effects: Sequence[AnyEffect], points: Points
+    ) -> Array:
+        """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read.
+
+        Args:
+            base: scaled base parameters, shape (p,).
+            effects: added to those of the model.
+            points: operating points, n values along each axis.
+
+        Returns:
+            Shape (3, n); NaN where the model has no answer.
+        """
+        known: dict[str, Any] = {**points}
+        if STAGE.name in known:
+            stages = np.array(list(self.model.stages))
+            known[STAGE.name] = stages[known[STAGE.name].astype(int)]
+        model = self._refitted(base, effects)
+        efficiency, output_speed, pressure = model.readings_at(
+            ranges.OperatingPoints(**known)
+        )
+        if "pressure_gain" in self.base.names:
+            values = base_values(self.base, base)
+            pressure = pressure * (1.0 + values.pressure_gain) + values.pressure_zero
+        return np.stack([efficiency, output_speed, pressure])
+
+    def candidates(self, points: Points, base: Array) -> Points:
+        """Return tests over the working range of engine and campaign that the model can carry.
+
+        Args:
+            points: operating points measured so far.
+            base: scaled base parameters, shape (p,).
+        """
+        possible = _with_every_stage(_grid(points), points)
+        efficiency = self.predict(base, (), possible)[0]
+        usable = ranges.EFFICIENCY.contains(
+            efficiency
+        )  # NaN, no answer, is not contained
+        return {name: values[usable] for name, values in possible.items()}
+
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the engine power that an efficiency below the expected one costs [W].
+
+        Args:
+            points: operating points.
+            expected: efficiency of the reference [-], shape (n,).
+            real: efficiency to compare [-], shape (n,).
+
+        Returns:
+            Shape (n,); negative where the efficiency is higher.
+        """
+        output_power = points[LOAD_TORQUE.name] * points[ENGINE_SPEED.name]
+        return output_power * (1.0 / real - 1.0 / expected)
+
+    def model_of(
+        self,
+        base: Array,
+        effects: Sequence[AnyEffect],
+        samples: BenchSamples,
+        covariance: Array | None = None,
+    ) -> EfficiencyModel:
+        """Return the model refitted to samples, with effects added.
+
+        Args:
+            base: scaled base parameters, shape (p,).
+            effects: at their fitted sizes.
+            samples: to which they were fitted.
+            covariance: of the scaled base parameters, shape (p, p); None leaves the model without
+                standard errors.
+        """
+        errors: dict[str, float] = {}
+        correlation = None
+        if covariance is not None:
+            errors, correlation = hydraulic_errors(base, covariance)
+        return replace(
+            self._refitted(base, effects),
+            standard_errors=errors,
+            correlation=correlation,
+            domain=Domain.of(samples),
+            units={},
+            provenance={
+                "source": "hmcvt diagnose",
+                "data": os.path.basename(samples.source),
+                "data_sha256": samples.sha256,
+                "samples": len(samples),
+            },
+        )
+
+    def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
+        """Say what missing columns cost."""
+        return tuple(
+            f"without column {name}, {cost}"
+            for name, cost in _COST_OF_MISSING_COLUMN.items()
+            if getattr(samples, name) is None
+        )
+
+
+# A refit perturbs the gear loss in one of its steps and leaves it in all others.
+_with_gear_loss = lru_cache(maxsize=64)(Stage.with_gear_loss)
+
+
+def _missing_effects(model: EfficiencyModel) -> tuple[AnyEffect, ...]:
+    present = {(effect.name, effect.form) for effect in model.effects}
+    return tuple(kind() for kind in library() if (kind.name, kind.form) not in present)
+
+
+def _grid(points: Points) -> dict[str, Array]:
+    """Candidate tests at the median of every axis that a test does not set."""
+    measured = points[ENGINE_SPEED.name]
+    strokes = np.linspace(-1.0, 1.0, CANDIDATE_STROKES)
+    speeds = np.linspace(
+        min(ranges.ENGINE_SPEED_LIMITS[0], measured.min()),
+        max(ranges.ENGINE_SPEED_LIMITS[1], measured.max()),
+        CANDIDATE_SPEEDS,
+    )
+    parts = np.linspace(0.0, 1.0, CANDIDATE_LOADS)
+    grid = np.meshgrid(strokes, speeds, parts, indexing="ij")
+    stroke, speed, part = (values.ravel() for values in grid)
+    lowest = np.maximum(LEAST_POWER / speed, ranges.LOAD_TORQUE.low)
+    highest = max(points[LOAD_TORQUE.name].max(), 2.0 * LEAST_POWER / speed.min())
+    possible = {
+        name: np.full(len(speed), np.median(values)) for name, values in points.items()
+    }
+    possible[DISPLACEMENT_RATIO.name] = stroke
+    possible[ENGINE_SPEED.name] = speed
+    possible[LOAD_TORQUE.name] = lowest + part * (highest - lowest)
+    return possible
+
+
+def _with_every_stage(possible: dict[str, Array], points: Points) -> dict[str, Array]:
+    """Repeat candidate tests in each stage in which the campaign has samples."""
+    if STAGE.name not in points:
+        return possible
+    stages = np.unique(points[STAGE.name])
+    count = len(possible[ENGINE_SPEED.name])
+    repeated = {name: np.tile(values, len(stages)) for name, values in possible.items()}
+    repeated[STAGE.name] = np.repeat(stages, count)
+    return repeated

@@ -1,0 +1,30 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""One pump or motor on a bench: its loss model, its diagnosis, and its transfer into a model."""
+
+from .diagnosis import DEALS, UnitDiagnosis, diagnose_unit
+from .system import (
+    FRICTION,
+    PARAMETERS,
+    PRESSURE,
+    SPEED,
+    STROKE,
+    HydrostaticUnit,
+    UnitModel,
+    observe_unit,
+)
+from .transfer import put_into
+
+__all__ = [
+    "DEALS",
+    "FRICTION",
+    "PARAMETERS",
+    "PRESSURE",
+    "SPEED",
+    "STROKE",
+    "HydrostaticUnit",
+    "UnitDiagnosis",
+    "UnitModel",
+    "diagnose_unit",
+    "observe_unit",
+    "put_into",
+]

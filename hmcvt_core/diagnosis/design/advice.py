@@ -1,0 +1,190 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What to measure next, as values and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from ...files import preformatted
+from ..selection.search import Names
+from ..system import Axis
+from ..wording import listed, probability, wrapped
+
+NO_GAP_WORTH_A_TEST = "no gap worth a test"
+SETTLED = "settled"
+CANNOT_BE_SETTLED = "cannot be settled by tests"
+
+
+class Kind(Enum):
+    """What an explanation blames for the gap."""
+
+    LISTED = "listed effects"
+    UNLISTED = "an unlisted loss"
+    NO_GAP = "nothing, or a base model that is a little off"
+
+
+@dataclass(frozen=True)
+class Label:
+    """The conclusion that an explanation stands for.
+
+    Attributes:
+        kind: what is blamed.
+        effects: names, sorted; empty but for listed effects.
+    """
+
+    kind: Kind
+    effects: Names = ()
+
+    def __str__(self) -> str:
+        if self.kind is Kind.NO_GAP:
+            return "no gap"
+        return named(self.effects)
+
+
+NO_GAP = Label(Kind.NO_GAP)
+UNLISTED = Label(Kind.UNLISTED)
+
+
+def named(effects: Names) -> str:
+    """Return a set of effects in words; the empty set is an unlisted loss."""
+    return " + ".join(effects).replace("_", " ") or "something unlisted"
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test worth making.
+
+    Attributes:
+        point: values by the name of the axis; None when no operating point helps.
+        separates: the two explanations that it distinguishes best, in words.
+        gain: information expected on which explanation is correct [nats].
+        measure: a calibration or measurement outside the plan, or None.
+        setting: label along each axis that has labels.
+    """
+
+    point: Mapping[str, float] | None
+    separates: tuple[str, str]
+    gain: float
+    measure: str | None = None
+    setting: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to measure next.
+
+    Attributes:
+        reason: to stop, `settled`, `cannot be settled by tests` or `no gap worth a test`; None
+            where a further test is worth making.
+        tests: the next one, and what may be made along with it; empty where none helps.
+        measure: what settles it where no test can, or None.
+        parted: the two explanations that `measure` distinguishes, in words; None for the likeliest.
+        tests_expected: how many more, by the first; 0 where no test helps.
+        channels: to be read at that point.
+        candidates: effects and probability of each explanation that is still possible, best first;
+            the entry without a name is an unlisted loss.
+        no_gap: probability that there is none, or none larger than a base that is a little off.
+        axes: of the tests.
+        notes: on the campaign; why the readings may be of another machine goes first.
+        seed: of every random number.
+    """
+
+    reason: str | None = None
+    tests: tuple[NextTest, ...] = ()
+    measure: str | None = None
+    parted: tuple[str, str] | None = None
+    tests_expected: int = 0
+    channels: tuple[str, ...] = ()
+    candidates: tuple[tuple[Names, float], ...] = ()
+    no_gap: float = 0.0
+    axes: tuple[Axis, ...] = ()
+    notes: tuple[str, ...] = ()
+    seed: int = 0
+
+    @property
+    def alive(self) -> tuple[tuple[Names, float], ...]:
+        """Earlier name of `candidates`."""
+        return self.candidates
+
+    @property
+    def stop(self) -> bool:
+        """Whether no further test is worth making."""
+        return self.reason is not None
+
+    @property
+    def next_tests(self) -> tuple[NextTest, ...]:
+        """The tests, and the measurement that settles it where no test does."""
+        if self.measure is None or len(self.candidates) < 2:
+            return self.tests
+        separates = self.parted
+        if separates is None:
+            (first, _), (second, _), *_ = self.candidates
+            separates = (named(first), named(second))
+        return (*self.tests, NextTest(None, separates, 0.0, self.measure))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of `hmcvt next --json`."""
+        test = None
+        if self.tests and not self.stop:
+            first = self.tests[0]
+            test = {
+                **(first.point or {}),
+                "stage": None,
+                **first.setting,
+                "channels": list(self.channels),
+            }
+        return {
+            "stop": self.stop,
+            "reason": self.reason,
+            "test": test,
+            "measure": self.measure,
+            "alive": [
+                {"effects": list(names), "probability": p}
+                for names, p in self.candidates
+            ],
+            "no_gap_probability": self.no_gap,
+            "tests_expected": self.tests_expected,
+            "notes": list(self.notes),
+        }
+
+    def report(self) -> str:
+        """Return which test to run next, or why to stop, as text for a person."""
+        lines = [f"note: {note}" for note in self.notes]
+        if self.stop:
+            lines.append(f"stop: {self.reason}")
+        else:
+            lines += [
+                f"next test: {point_in_words(self.tests[0], self.axes)}; "
+                f"read {listed(self.channels, 'and')}",
+                f"about {self.tests_expected} more tests until it is settled",
+            ]
+        if self.measure is not None:
+            apart = ""
+            if self.parted:
+                apart = ": distinguishes {} from {}".format(*self.parted)
+            lines.append(f"measure: {self.measure}{apart}")
+        candidates = [
+            f"{named(names)} ({probability(p)})" for names, p in self.candidates
+        ]
+        lines.append(
+            f"candidates: {', '.join(candidates)}, no gap or a base model slightly off "
+            f"({probability(self.no_gap)})"
+        )
+        return "\n".join(wrapped(line) for line in lines)
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
+
+
+def point_in_words(test: NextTest, axes: Sequence[Axis]) -> str:
+    """Return the operating point of a test."""
+    point = test.point or {}
+    parts = []
+    for axis in axes:
+        value = point[axis.name]
+        parts.append(axis.test_format.format(value, axis.second_unit_factor * value))
+    parts += [f"{name} {label}" for name, label in test.setting.items()]
+    return ", ".join(parts)

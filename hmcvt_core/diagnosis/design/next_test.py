@@ -1,0 +1,334 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Which test to run next, and when to stop.
+
+The value of a test is the information that its readings are expected to give on which explanation
+is correct. Every relevant explanation (unlisted losses and "no gap" among them) predicts a
+Gaussian, with the allowances by which its evidence will be judged. The information that a mixture
+of Gaussians holds on its component is bounded from below by
+
+.. math:: I \ge -\sum_k p_k \ln \sum_j p_j e^{-B_{kj}}
+
+B_kj being the Bhattacharyya distance of two components (Kolchinsky & Tracey 2017, Entropy 19, 361).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.refit import Fit
+from ..selection.explanation import Explanation
+from ..selection.posterior import Posterior
+from ..selection.prediction import Prediction
+from ..settings import (
+    DESIGN_EXPLANATIONS,
+    DESIGN_MAJORITY,
+    DESIGN_TESTS,
+    LEAST_GAIN,
+    MANY_TESTS,
+    RELEVANT_PROBABILITY,
+    SETTLED_LOG_ODDS,
+    SETTLED_PROBABILITY,
+)
+from ..system import Array, Axis, Points
+from .advice import (
+    CANNOT_BE_SETTLED,
+    NO_GAP,
+    NO_GAP_WORTH_A_TEST,
+    SETTLED,
+    UNLISTED,
+    Advice,
+    Kind,
+    Label,
+    NextTest,
+)
+
+_LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose reports"
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A conclusion that further tests may confirm.
+
+    Attributes:
+        label: the conclusion.
+        explanation: the likeliest explanation with this label.
+        probability: of all explanations with this label.
+    """
+
+    label: Label
+    explanation: Explanation
+    probability: float
+
+
+def advise(posterior: Posterior, possible: Points) -> Advice:
+    """Choose the next tests, each knowing of those before it.
+
+    Args:
+        posterior: over the explanations.
+        possible: the tests that can be run, by axis.
+    """
+    candidates = candidates_of(posterior)
+    *explaining, no_gap = candidates
+    base = posterior.base_only.fit
+    advice = Advice(
+        channels=tuple(channel.name for channel in base.observed.channels),
+        candidates=tuple((item.label.effects, item.probability) for item in explaining),
+        no_gap=no_gap.probability,
+        axes=base.observed.steered,
+    )
+    if no_gap.probability >= SETTLED_PROBABILITY:
+        return replace(advice, reason=NO_GAP_WORTH_A_TEST)
+    leading = explaining[0]
+    if leading.probability >= SETTLED_PROBABILITY:
+        measure = _LOOK_AT_REGIONS if leading.label.kind is Kind.UNLISTED else None
+        return replace(advice, reason=SETTLED, measure=measure)
+    design = _Design.of(candidates, base, possible)
+    if design is None:
+        measure = "none of the tests can be carried"
+        return replace(advice, reason=CANNOT_BE_SETTLED, measure=measure)
+    confused = indistinguishable(
+        design.predictions, [item.label for item in candidates], design.probabilities
+    )
+    if design.probabilities[list(confused)].sum() > DESIGN_MAJORITY:
+        first = min(confused)  # the most probable of them
+        pair = (candidates[first], candidates[confused[first]])
+        measure = _remedy(*pair)
+        if measure is not None:
+            return replace(
+                advice,
+                reason=CANNOT_BE_SETTLED,
+                measure=measure,
+                parted=(str(pair[0].label), str(pair[1].label)),
+            )
+    tests = design.choose([item.label for item in candidates])
+    expected = _tests_expected(design.probabilities.max(), tests[0].gain)
+    return replace(advice, tests=tests, tests_expected=expected)
+
+
+def _remedy(one: Candidate, other: Candidate) -> str | None:
+    """Return the measurements that settle which of two sets is present, or None."""
+    differing = set(one.explanation.names) ^ set(other.explanation.names)
+    effects = (*one.explanation.fit.effects, *other.explanation.fit.effects)
+    remedies = [
+        effect.remedy
+        for effect in effects
+        if effect.remedy and effect.name in differing
+    ]
+    return "; or ".join(dict.fromkeys(remedies)) or None
+
+
+def _tests_expected(probability: float, gain: float) -> int:
+    """Return how many tests of equal gain raise a probability until it is settled."""
+    from scipy.special import logit
+
+    missing = SETTLED_LOG_ODDS - logit(probability)
+    return math.ceil(np.clip(missing / max(2.0 * gain, LEAST_GAIN), 1.0, MANY_TESTS))
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """Predictions of k candidates at n tests that can be run.
+
+    Attributes:
+        axes: of the tests.
+        points: values along each axis, n of them.
+        predictions: of each candidate; zero where it cannot carry a test.
+        probabilities: of each candidate, shape (k,).
+        weights: probability of each candidate among those that can carry a test, shape (k, n).
+    """
+
+    axes: tuple[Axis, ...]
+    points: Points
+    predictions: list[Prediction]
+    probabilities: Array
+    weights: Array
+
+    @classmethod
+    def of(
+        cls, candidates: Sequence[Candidate], base: Fit, possible: Points
+    ) -> _Design | None:
+        """Predict the tests that the base and most candidates can carry; None if there is none."""
+        probabilities = np.array([item.probability for item in candidates])
+        probabilities /= probabilities.sum()
+        likeliest = candidates[int(np.argmax(probabilities))].explanation
+        at_its_noise = replace(base, noise=likeliest.model.noise)
+        tests = at_its_noise.observations_at(possible)
+        predictions = [
+            item.explanation.prediction_at(tests, with_allowances=True)
+            for item in candidates
+        ]
+        carried = np.stack(
+            [np.isfinite(prediction.mean).all(axis=0) for prediction in predictions]
+        )
+        carried_by_base = carried[-1]
+        able = carried_by_base & (probabilities @ carried > DESIGN_MAJORITY)
+        if not able.any():
+            return None
+        carried = carried[:, able]
+        weights = probabilities[:, None] * carried
+        weights /= weights.sum(axis=0)
+        return cls(
+            tests.axes,
+            {name: values[able] for name, values in tests.points.items()},
+            [
+                _restricted(prediction, able, row)
+                for prediction, row in zip(predictions, carried, strict=True)
+            ],
+            probabilities,
+            weights,
+        )
+
+    def choose(self, labels: Sequence[Label]) -> tuple[NextTest, ...]:
+        """Choose the tests of largest gain one after another, updating after each (greedy)."""
+        predictions = self.predictions
+        chosen = []
+        for _ in range(DESIGN_TESTS):
+            distance = _distances(predictions)
+            gains = self._expected_information(distance)
+            best = int(np.argmax(gains))
+            pair = self._best_separated(distance[:, :, best], best)
+            separates = (str(labels[pair[0]]), str(labels[pair[1]]))
+            chosen.append(self._test(best, separates, float(gains[best])))
+            predictions = [item.after_reading(best) for item in predictions]
+        return tuple(chosen)
+
+    def _expected_information(self, distance: Array) -> Array:
+        """Lower bound of the information of each test [nats], shape (n,)."""
+        from scipy.special import xlogy
+
+        mixture = np.einsum("jn,kjn->kn", self.weights, np.exp(-distance))
+        return np.asarray(-xlogy(self.weights, mixture).sum(axis=0))
+
+    def _best_separated(self, distance: Array, test: int) -> tuple[int, int]:
+        """Return the two candidates that a test distinguishes best, by their probabilities."""
+        weights = self.weights
+        value = weights[:, [test]] * weights[:, test] * (1.0 - np.exp(-distance))
+        first, second = np.unravel_index(int(np.argmax(value)), value.shape)
+        return int(first), int(second)
+
+    def _test(self, index: int, separates: tuple[str, str], gain: float) -> NextTest:
+        point = {}
+        setting = {}
+        for axis in self.axes:
+            value = float(self.points[axis.name][index])
+            if axis.steered:
+                point[axis.name] = value
+            if axis.labels:
+                setting[axis.name] = axis.labels[int(value)]
+        return NextTest(point, separates, gain, setting=setting)
+
+
+def _restricted(
+    prediction: Prediction, able: NDArray[np.bool_], carried: NDArray[np.bool_]
+) -> Prediction:
+    """Keep some tests of a prediction; tests that its explanation cannot carry become zero."""
+    mean = np.where(carried, prediction.mean[:, able], 0.0)
+    columns = np.where(carried[:, None], prediction.columns[:, able], 0.0)
+    return prediction._replace(mean=mean, columns=columns)
+
+
+def indistinguishable(
+    predictions: Sequence[Prediction], labels: Sequence[Label], probabilities: Array
+) -> dict[int, int]:
+    """Return the listed sets that many tests would not distinguish from another one.
+
+    Nested sets are skipped: more data always separate them. Unlisted losses are skipped too.
+
+    Args:
+        predictions: of each candidate at the possible tests.
+        labels: of each candidate.
+        probabilities: of each candidate, most probable first, shape (k,).
+
+    Returns:
+        For the index of each such set that of the most probable set it is confused with.
+    """
+    listed = [i for i, label in enumerate(labels) if label.kind is Kind.LISTED]
+    confused: dict[int, int] = {}
+    for one, other in itertools.combinations(listed, 2):
+        effects = set(labels[one].effects)
+        other_effects = set(labels[other].effects)
+        if effects < other_effects or other_effects < effects:
+            continue
+        distance = max(
+            predictions[one].squared_distance(predictions[other], MANY_TESTS),
+            predictions[other].squared_distance(predictions[one], MANY_TESTS),
+        )
+        log_odds = math.log(probabilities[one] / probabilities[other])
+        if distance < 2.0 * (SETTLED_LOG_ODDS - log_odds):
+            confused.setdefault(one, other)
+        if distance < 2.0 * (SETTLED_LOG_ODDS + log_odds):
+            confused.setdefault(other, one)
+    return confused
+
+
+def candidates_of(posterior: Posterior) -> list[Candidate]:
+    """Return the conclusions that are still possible, most probable first; no gap comes last.
+
+    A set is represented by an explanation without an unlisted loss, if there is one; an unlisted
+    loss by one that has it.
+    """
+    gathered: dict[Label, Candidate] = {}
+    with_gap = 1.0 - posterior.no_gap
+    for explanation, probability in posterior.entries:
+        part = explanation.explained_fraction(posterior.base_only)
+        rest = NO_GAP if explanation.is_base else UNLISTED
+        listed = Label(Kind.LISTED, explanation.names)
+        if part:
+            _gather(gathered, listed, explanation, with_gap * part * probability)
+        if 1.0 - part:
+            _gather(gathered, rest, explanation, with_gap * (1.0 - part) * probability)
+    base_off = gathered.pop(NO_GAP, None)
+    ranked = sorted(gathered.values(), key=lambda item: -item.probability)
+    relevant = [item for item in ranked if item.probability >= RELEVANT_PROBABILITY]
+    kept = relevant[:DESIGN_EXPLANATIONS] or ranked[:1]
+    return [*kept, _no_gap(posterior, base_off)]
+
+
+def _gather(
+    gathered: dict[Label, Candidate],
+    label: Label,
+    explanation: Explanation,
+    probability: float,
+) -> None:
+    """Add an explanation to the candidate with its label."""
+    first = gathered.get(label, Candidate(label, explanation, 0.0))
+    representative = first.explanation
+    fitting = label.kind is Kind.LISTED
+    if representative.is_listed_set != fitting and explanation.is_listed_set == fitting:
+        representative = explanation
+    gathered[label] = Candidate(label, representative, first.probability + probability)
+
+
+def _no_gap(posterior: Posterior, base_off: Candidate | None) -> Candidate:
+    """Return no gap: an exact base model, or one that is a little off if that is likelier."""
+    if base_off is None:
+        return Candidate(NO_GAP, posterior.base_only, posterior.no_gap + 0.0)
+    explanation = posterior.base_only
+    if base_off.probability > posterior.no_gap:
+        explanation = base_off.explanation
+    return Candidate(NO_GAP, explanation, posterior.no_gap + base_off.probability)
+
+
+def _distances(predictions: Sequence[Prediction]) -> Array:
+    """Return Bhattacharyya distances of k predictions at each test, shape (k, k, n)."""
+    mean = np.stack([prediction.mean.T for prediction in predictions])
+    channels = mean.shape[-1]
+    variance = np.stack(
+        [prediction.reading_covariance for prediction in predictions]
+    ) + np.eye(channels)
+    log_determinant = np.linalg.slogdet(variance)[1]
+    pooled = (variance[:, None] + variance) / 2.0
+    difference = mean[:, None] - mean
+    solved = np.linalg.solve(pooled, difference[..., None])[..., 0]
+    squared = np.einsum("kjnc,kjnc->kjn", difference, solved)
+    log_ratio = (
+        np.linalg.slogdet(pooled)[1]
+        - (log_determinant[:, None] + log_determinant) / 2.0
+    )
+    return np.asarray(squared / 8.0 + log_ratio / 2.0)

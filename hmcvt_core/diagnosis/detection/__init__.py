@@ -1,0 +1,2 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Whether there is a gap, and in which regions."""

@@ -1,0 +1,203 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Regions: boxes over the samples, and the fewest boxes that hold given samples."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..settings import (
+    BAND_EDGES,
+    CORNER_EDGES,
+    REGION_GAIN,
+    REGION_SAMPLES,
+    SAMPLES_PER_REGION_SAMPLE,
+)
+from ..system import Array
+
+Interval = tuple[float, float]
+"""Lower and upper limit along one axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Boxes over the samples.
+
+    Attributes:
+        members: which samples each box holds, shape (boxes, n).
+        low: lower limits of each box by axis, shape (boxes, axes).
+        high: upper limits of each box by axis, shape (boxes, axes).
+    """
+
+    members: NDArray[np.bool_]
+    low: Array
+    high: Array
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+
+def candidate_regions(coordinates: Array) -> Regions:
+    """Return bands along each axis, and corners over two and more axes.
+
+    A corner is one-sided on each axis: high load at low speed, and so on. Edges lie midway between
+    neighbouring samples, so a region is as narrow as the data allow. Regions that hold the same
+    samples are listed once, by the narrowest. A region holds at least four samples, and leaves out
+    as many; below 32 samples an eighth of them is enough, down to one.
+
+    Args:
+        coordinates: of the samples, shape (axes, n).
+    """
+    limits = np.array(_boxes(coordinates)).reshape(-1, len(coordinates), 2)
+    low = limits[..., 0]
+    high = limits[..., 1]
+    n = coordinates.shape[1]
+    members = np.ones((len(limits), n), dtype=bool)
+    for axis, values in enumerate(coordinates):
+        members &= (values >= low[:, axis, None]) & (values <= high[:, axis, None])
+    kept = _distinct_regions(members)
+    return Regions(members[kept], low[kept], high[kept])
+
+
+def _boxes(coordinates: Array) -> list[tuple[Interval, ...]]:
+    """Return the limits of all candidate boxes along all axes."""
+    extent = []
+    bands = []
+    sides = []
+    for values in coordinates:
+        extent.append((float(values.min()), float(values.max())))
+        bands.append(_intervals(_edges(values, BAND_EDGES)))
+        sides.append(_one_sided_intervals(_edges(values, CORNER_EDGES)))
+    boxes: list[tuple[Interval, ...]] = []
+    axes = range(len(coordinates))
+    for size in range(1, len(coordinates) + 1):
+        intervals = bands if size == 1 else sides
+        for limited in itertools.combinations(axes, size):
+            choices = []
+            for axis in axes:
+                choices.append(intervals[axis] if axis in limited else [extent[axis]])
+            boxes += itertools.product(*choices)
+    return boxes
+
+
+def _distinct_regions(members: NDArray[np.bool_]) -> list[int]:
+    """Return the indices of regions that hold enough samples, the first of those alike."""
+    n = members.shape[1]
+    least = max(1, min(REGION_SAMPLES, n // SAMPLES_PER_REGION_SAMPLE))
+    inside = members.sum(axis=1)
+    large_enough = (inside >= least) & (inside <= n - least)
+    first: dict[bytes, int] = {}
+    for i in np.flatnonzero(large_enough).tolist():
+        first.setdefault(members[i].tobytes(), i)
+    return list(first.values())
+
+
+def _edges(values: Array, most: int) -> Array:
+    """Return possible limits along one axis: its ends, and points midway between samples.
+
+    Args:
+        values: of the samples along the axis, shape (n,).
+        most: number of points between the ends.
+    """
+    distinct = np.unique(values)
+    if len(distinct) < 2:
+        return np.array([])
+    middles = (distinct[1:] + distinct[:-1]) / 2.0
+    if len(middles) > most:
+        # Evenly in samples, so that every band can hold enough of them.
+        wanted = np.quantile(values, np.linspace(0.0, 1.0, most + 2)[1:-1])
+        nearest = np.searchsorted(middles, wanted).clip(0, len(middles) - 1)
+        middles = middles[np.unique(nearest)]
+    return np.concatenate([[distinct[0]], middles, [distinct[-1]]])
+
+
+def _intervals(edges: Array) -> list[Interval]:
+    """Return the intervals between any two edges, the whole range left out."""
+    last = len(edges) - 1
+    intervals = []
+    for i, j in itertools.combinations(range(len(edges)), 2):
+        if (i, j) != (0, last):
+            intervals.append((float(edges[i]), float(edges[j])))
+    return intervals
+
+
+def _one_sided_intervals(edges: Array) -> list[Interval]:
+    """Return the intervals that begin or end with the range."""
+    one_sided = []
+    for low, high in _intervals(edges):
+        if low == edges[0] or high == edges[-1]:
+            one_sided.append((low, high))
+    return one_sided
+
+
+def covering(
+    members: NDArray[np.bool_], target: NDArray[np.bool_], most: int
+) -> list[int]:
+    """Return the fewest regions whose union is closest to a target, by the F1 score.
+
+    Regions are added one by one while each adds enough. With each that is added the others are
+    exchanged while that is better.
+
+    Args:
+        members: which samples each region holds, shape (regions, n).
+        target: the samples to hold, shape (n,).
+        most: number of regions.
+
+    Returns:
+        Indices of the regions.
+    """
+    chosen: list[int] = []
+    reached = 0.0
+    for _ in range(most):
+        extended, score = _exchanged(members, target, chosen, reached)
+        if score < reached + REGION_GAIN:
+            break
+        chosen = extended
+        reached = score
+    return chosen
+
+
+def _exchanged(
+    members: NDArray[np.bool_],
+    target: NDArray[np.bool_],
+    chosen: Sequence[int],
+    reached: float,
+) -> tuple[list[int], float]:
+    """Add one region, then exchange regions in turn while the F1 score grows.
+
+    Args:
+        members: which samples each region holds, shape (regions, n).
+        target: the samples to hold, shape (n,).
+        chosen: regions so far.
+        reached: their score, which is to be passed.
+
+    Returns:
+        The regions and their score.
+    """
+    regions = [*chosen, 0]
+    last = len(regions) - 1
+    best = reached
+    previous = -1.0
+    while best > previous:
+        previous = best
+        for position in (last, *range(last)):
+            others = regions[:position] + regions[position + 1 :]
+            union = members | members[others].any(axis=0)
+            score = _f1(union, target)
+            if score.max() > best:
+                regions[position] = int(score.argmax())
+                best = float(score.max())
+    return regions, best
+
+
+def _f1(held: NDArray[np.bool_], target: NDArray[np.bool_]) -> Array:
+    """Return the F1 score of sets of samples, shape (sets,).
+
+    Args:
+        held: shape (sets, n).
+        target: shape (n,).
+    """
+    both = (held & target).sum(axis=1)
+    return np.asarray(2.0 * both / (held.sum(axis=1) + target.sum()))

@@ -1,0 +1,270 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Evidence of linear models with Gaussian priors and unknown noise of each channel.
+
+Near its refit every hypothesis is linear: y = J t + e with t ~ N(0, S) and e_c ~ N(0, phi_c I) in
+channel c. The noise variances phi_c have inverse-gamma priors with nu_c degrees of freedom around
+what was stated, and are set to their posterior mode; t is integrated out:
+
+.. math:: \log p(y) = -\tfrac12\sum_c\left[(n_c+\nu_c)\log\phi_c + \nu_c/\phi_c\right]
+          -\tfrac12\left[\sum_c R_c/\phi_c + m^TS^{-1}m\right]
+          -\tfrac12\log|S\,A|, \qquad A = \sum_c J_c^TJ_c/\phi_c + S^{-1}
+
+(constants common to all hypotheses left out). m is the posterior mean of t, R_c the sum of squared
+residuals. Only Gram matrices enter, so thousands of models over the same samples cost one product
+each. See MacKay, *Bayesian interpolation* (1992), Neural Comput. 4, 415.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..observations import Observations
+from ..settings import NOISE_ROUNDS, NOISE_TOLERANCE
+from ..system import Array
+
+
+class ModelEvidence(NamedTuple):
+    """Evidence and posterior of m linear models.
+
+    Attributes:
+        log_evidence: up to a common constant [nats], shape (m,).
+        mean: posterior mean of the coefficients, shape (m, p).
+        covariance: posterior covariance of the coefficients, shape (m, p, p).
+        noise: variance of each channel in units of the stated one, shape (m, channels).
+    """
+
+    log_evidence: Array
+    mean: Array
+    covariance: Array
+    noise: Array
+
+
+def gram(columns: Array, target: Array) -> Array:
+    """Return Gram matrices of [columns, target] by channel.
+
+    Args:
+        columns: shape (..., channels, n, p).
+        target: shape (..., channels, n).
+
+    Returns:
+        Shape (..., channels, p + 1, p + 1).
+    """
+    both = np.concatenate([columns, target[..., None]], axis=-1)
+    return np.asarray(np.swapaxes(both, -1, -2) @ both)
+
+
+def model_evidence(
+    grams: Array,
+    count: int | NDArray[np.intp],
+    spread: Array,
+    prior_dof: Array,
+    signs: Array | None = None,
+) -> ModelEvidence:
+    """Return the evidence and posterior of m linear models.
+
+    Args:
+        grams: of [columns, target], shape (m, channels, p + 1, p + 1).
+        count: samples per channel; shape (m, 1) where the models have different ones.
+        spread: prior standard deviations of the coefficients, shape (p,) or (m, p).
+        prior_dof: prior degrees of freedom of the stated noise, shape (channels,).
+        signs: of the coefficients that are sizes of effects and have a moment prior, as in
+            `Hypothesis.signs`, shape (p,) or (m, p). If None no coefficient has one.
+    """
+    square = grams[..., :-1, :-1]
+    cross = grams[..., :-1, -1]
+    total = grams[..., -1, -1]
+    precision = spread**-2.0
+    p = spread.shape[-1]
+    diagonal = np.arange(p)
+    flat_square = square.reshape(*total.shape, p * p)
+    noise = np.ones(total.shape)
+    # Fixed point of the noise variances, given the posterior of the coefficients.
+    for _ in range(NOISE_ROUNDS):
+        weights = 1.0 / noise[:, None]
+        matrix = (weights @ flat_square).reshape(-1, p, p)
+        matrix[:, diagonal, diagonal] += precision
+        covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        mean = ((weights @ cross) @ covariance)[:, 0]
+        fitted = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
+        residual = np.maximum(total + (fitted @ mean[..., None])[..., 0], 1e-12)
+        # The part of the noise that the coefficients absorb: trace of J^T J times covariance.
+        absorbed = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0]
+        previous = noise
+        noise = (prior_dof + residual + absorbed) / (prior_dof + count)
+        if (np.abs(noise / previous - 1.0) < NOISE_TOLERANCE).all():
+            break
+    _, log_determinant = np.linalg.slogdet(matrix)
+    of_readings = np.sum(
+        (count + prior_dof) * np.log(noise) + (prior_dof + residual) / noise, axis=1
+    )
+    of_prior = np.sum(precision * mean**2, axis=1)
+    of_spread = 2.0 * np.sum(np.log(spread), axis=-1)
+    log_evidence = -0.5 * (of_readings + of_prior + log_determinant + of_spread)
+    if signs is not None:
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        log_evidence += moment_prior_log_bayes_factor(mean, variance, spread, signs)
+    return ModelEvidence(log_evidence, mean, covariance, noise)
+
+
+def change_of_prior_scale(
+    mean: Array, covariance: Array, spread: Array, others: Array, signs: Array
+) -> Array:
+    r"""Return the log Bayes factor of other prior scales against the one of a fitted model.
+
+    Likelihood is posterior divided by prior. At the same noise the evidence under another prior is
+    therefore exact, whatever the correlations: with precision :math:`P = C^{-1} - S^{-1} + S'^{-1}`
+
+    .. math:: \log B = \tfrac12\left(m'^TC^{-1}m - m^TC^{-1}m + \log|C^{-1}| - \log|P|\right)
+              + \sum_j \log\frac{s_j}{s'_j}, \qquad m' = P^{-1} C^{-1} m
+
+    and the moment prior of the new scales added.
+
+    Args:
+        mean: posterior mean m of these coefficients, shape (k,).
+        covariance: their posterior covariance C, shape (k, k).
+        spread: prior standard deviations s that they had, shape (k,).
+        others: other prior standard deviations s', shape (m, k).
+        signs: as in `moment_prior_log_bayes_factor`, shape (k,). The fitted model has no moment
+            prior.
+
+    Returns:
+        Shape (m,).
+    """
+    old_precision = np.linalg.inv(covariance)
+    pull = old_precision @ mean
+    new_priors = np.stack([np.diag(scale**-2.0) for scale in others])
+    new_precision = old_precision - np.diag(spread**-2.0) + new_priors
+    new_covariance = np.linalg.inv(new_precision)
+    new_mean = new_covariance @ pull
+    log_new = np.linalg.slogdet(new_precision)[1]
+    log_old = np.linalg.slogdet(old_precision)[1]
+    normal = 0.5 * (new_mean @ pull - mean @ pull - log_new + log_old)
+    new_variance = np.diagonal(new_covariance, axis1=1, axis2=2)
+    return np.asarray(
+        normal
+        + np.sum(np.log(spread / others), axis=1)
+        + moment_prior_log_bayes_factor(new_mean, new_variance, others, signs)
+    )
+
+
+def moment_prior_log_bayes_factor(
+    mean: Array, variance: Array, spread: Array, signs: Array
+) -> Array:
+    r"""Return the log Bayes factor of a moment prior against the normal prior.
+
+    An effect too small to matter is no cause, so the prior of a size vanishes at zero:
+    :math:`p(a) = a^2 / s^2 \; N(a; 0, s^2)` (moment prior; Johnson & Rossell 2010, J. R. Stat.
+    Soc. B 72, 143). Evidence against an effect that is absent then grows with the samples as
+    fast as evidence for one that is present. A size of one sign has the prior of that side only.
+
+    Args:
+        mean: posterior mean under the normal prior, shape (m, p).
+        variance: posterior variance of each coefficient, shape (m, p).
+        spread: standard deviations s of the normal prior, shape (p,) or (m, p).
+        signs: 1 or -1 for a size of one sign, 0 for a size of either sign, NaN for what is not a
+            size, shape (p,) or (m, p).
+
+    Returns:
+        The sum over the sizes, shape (m,).
+    """
+    from scipy.special import log_ndtr
+
+    deviation = np.sqrt(variance)
+    sign = np.nan_to_num(signs)
+    ratio = sign * mean / deviation
+    # Log probability of the sign, and the hazard rate of the normal truncated to it.
+    log_sign_probability = log_ndtr(ratio)
+    hazard = np.exp(-0.5 * (ratio**2 + np.log(2.0 * np.pi)) - log_sign_probability)
+    second_moment = mean**2 + variance + sign * mean * deviation * hazard
+    log_moment = np.log(np.maximum(second_moment, 1e-300) / spread**2)
+    log_side = np.where(sign == 0.0, 0.0, np.log(2.0) + log_sign_probability)
+    log_factors = np.where(np.isnan(signs), 0.0, log_moment + log_side)
+    return np.asarray(np.sum(log_factors, axis=1))
+
+
+def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:
+    """Return the log of the mean of exp(values) along the first axis."""
+    return np.asarray(np.logaddexp.reduce(values) - np.log(len(values)))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """One hypothesis as a linear model, with its posterior.
+
+    Attributes:
+        columns: derivatives of prediction / deviation by the coefficients, shape (channels, n, p):
+            base parameters, sizes and shapes first, then those of discrepancies.
+        target: what the coefficients reproduce, shape (channels, n).
+        spread: prior standard deviations, shape (p,).
+        signs: as for `model_evidence`, shape (p,).
+        log_evidence: up to a constant common to all models of the same readings [nats].
+        mean: posterior mean of the coefficients, shape (p,).
+        covariance: posterior covariance of the coefficients, shape (p, p).
+        noise: variance of each channel in units of the stated one, shape (channels,).
+    """
+
+    columns: Array
+    target: Array
+    spread: Array
+    signs: Array
+    log_evidence: float
+    mean: Array
+    covariance: Array
+    noise: Array
+
+    def residual(self, first: int | None = None) -> Array:
+        """Return target minus fit, in deviations, shape (channels, n).
+
+        Args:
+            first: number of leading coefficients that are used; all if None.
+        """
+        return np.asarray(self.target - self.columns[..., :first] @ self.mean[:first])
+
+    @property
+    def likelihoods(self) -> Array:
+        """Posterior mean of the log likelihood of each sample, up to a constant, shape (n,).
+
+        The derivative of the log evidence by the weight of the sample, since the noise is at its
+        maximum.
+        """
+        variance = np.sum((self.columns @ self.covariance) * self.columns, axis=-1)
+        squares = self.residual() ** 2 + variance
+        noise = self.noise[:, None]
+        return np.asarray(-0.5 * np.sum(squares / noise + np.log(noise), axis=0))
+
+
+def linear_models(
+    observed: Observations, columns: Array, target: Array, spreads: Array, signs: Array
+) -> list[LinearModel]:
+    """Return the linear models of the same columns under several priors.
+
+    Args:
+        observed: the readings.
+        columns: shape (channels, n, p).
+        target: shape (channels, n).
+        spreads: prior standard deviations of each model, shape (m, p).
+        signs: as for `model_evidence`, shape (p,).
+    """
+    one = gram(columns, target)
+    grams = np.broadcast_to(one, (len(spreads), *one.shape))
+    posterior = model_evidence(grams, len(observed), spreads, observed.prior_dof, signs)
+    models = []
+    for spread, log_evidence, mean, covariance, noise in zip(
+        spreads, *posterior, strict=True
+    ):
+        models.append(
+            LinearModel(
+                columns,
+                target,
+                spread,
+                signs,
+                float(log_evidence),
+                mean,
+                covariance,
+                noise,
+            )
+        )
+    return models

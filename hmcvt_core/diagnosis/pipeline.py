@@ -1,0 +1,180 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The steps of a diagnosis, as docs/diagnosis.md describes them.
+
+prepare: which samples can be used, and the base model refitted to them;
+detect: is there a gap, and in which regions;
+select: which explanations are how probable;
+measure: how far the gap shrinks, at samples left out;
+summarise: verdict, causes, regions, parameters, notes;
+advise: which test to run next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from .design.advice import Advice
+from .design.next_test import advise
+from .detection.regions import candidate_regions
+from .detection.significance import significance
+from .observations import Observations
+from .preparation import prepare
+from .results.analysis import Analysis, model_of, rms
+from .results.diagnosis import Diagnosis
+from .results.notes import noise_notes
+from .results.outcome import NAMING, Delivered, Gap
+from .results.shrinkage import CrossValidation, Measurement, measure_shrinkage
+from .results.summary import (
+    causes_of,
+    lost_power_of,
+    parameters_of,
+    regions_of,
+    sets_of,
+)
+from .results.verdict import verdict_of
+from .selection.posterior import compute_posterior
+from .system import Points, System
+
+
+def diagnose_system(
+    system: System,
+    observed: Observations,
+    held_out: Observations | None = None,
+    *,
+    warnings: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Diagnose the gap between the model of a system and a bench.
+
+    The base parameters are refitted first: a gap that a refit closes is no gap.
+
+    Args:
+        system: what is on the bench.
+        observed: at least five samples.
+        held_out: samples to measure the shrinkage on; None for cross-validation.
+        warnings: why the readings may be of another machine; they precede everything else.
+        notes: on the samples, to precede other notes.
+        seed: of every random number.
+        progress: called with a line of text before each step; may raise to cancel.
+
+    Returns:
+        The diagnosis; `report()` prints it, `to_dict()` gives plain data, `plot()` a picture.
+
+    Raises:
+        InputError: samples cannot carry a diagnosis.
+    """
+
+    def report_step(text: str) -> None:
+        if progress is not None:
+            progress(text)
+
+    base, preparation_notes = prepare(system, observed)
+    boxes = candidate_regions(base.observed.coordinates)
+    report_step("step 1 of 3, is there a gap")
+    detection = significance(base, boxes, seed)
+    report_step("step 2 of 3, refits with sets of effects")
+    posterior = compute_posterior(base, boxes, seed)
+    analysis = Analysis(posterior, boxes, detection, seed)
+    report_step("step 3 of 3, how far the gap shrinks")
+    validation = CrossValidation(analysis)
+    measurement = measure_shrinkage(analysis, validation, held_out)
+    possible = system.candidates(base.observed.points, base.base)
+    advice = advise(posterior, possible)
+    first_notes = (*warnings, *notes, *preparation_notes, *measurement.notes)
+    return _summarise(
+        analysis, validation, measurement, advice, tuple(warnings), first_notes
+    )
+
+
+def _summarise(
+    analysis: Analysis,
+    validation: CrossValidation,
+    measurement: Measurement,
+    advice: Advice,
+    warnings: tuple[str, ...],
+    first_notes: tuple[str, ...],
+) -> Diagnosis:
+    """Put everything that was inferred of a campaign into one object."""
+    posterior = analysis.posterior
+    base_only = posterior.base_only
+    observed = base_only.fit.observed
+    system = base_only.fit.hypothesis.system
+    verdict, verdict_notes = verdict_of(analysis)
+    residuals = validation.base_errors
+    residuals_after = residuals
+    base_parameters = parameters_of(base_only, base_only.fit)
+    parameters = base_parameters
+    if verdict in NAMING:
+        leading, _ = analysis.leading
+        residuals_after = validation.errors(leading)
+        parameters = parameters_of(leading, leading.served_fit)
+    return Diagnosis(
+        gap=Gap(
+            samples=len(residuals),
+            rmse=rms(residuals),
+            noise=rms(analysis.noise),
+            noise_stated=observed.stated_noise,
+            noise_source=observed.noise_source,
+            p_value=analysis.detection.p_value,
+            significant=analysis.significant,
+        ),
+        where=regions_of(analysis),
+        verdict=verdict,
+        causes=causes_of(analysis, validation, verdict),
+        sets=sets_of(analysis, validation),
+        shrinkage=measurement.shrinkage,
+        delivered=Delivered(rms(residuals), rms(residuals_after)),
+        next_tests=advice.next_tests,
+        advice=advice,
+        unlisted=posterior.unlisted if analysis.significant else 0.0,
+        misfit=posterior.misfit if analysis.significant else 0.0,
+        lost_power=lost_power_of(analysis, verdict),
+        warnings=warnings,
+        notes=(
+            *first_notes,
+            *noise_notes(analysis),
+            *system.remarks(observed.samples),
+            *verdict_notes,
+        ),
+        base=model_of(base_only, base_only.fit),
+        posterior=posterior.relevant,
+        samples=observed.samples,
+        residuals=residuals,
+        judged=measurement.samples,
+        residuals_before=measurement.before,
+        residuals_after=measurement.after,
+        base_parameters=base_parameters,
+        parameters=parameters,
+        seed=analysis.seed,
+    )
+
+
+def next_test(
+    system: System,
+    observed: Observations,
+    possible: Points | None = None,
+    *,
+    notes: Sequence[str] = (),
+    seed: int = 0,
+) -> Advice:
+    """Choose the next test of a campaign.
+
+    Args:
+        system: what is on the bench.
+        observed: at least five samples.
+        possible: the tests that can be run; None for the candidates of the system.
+        notes: on the samples, to precede other notes.
+        seed: of every random number.
+
+    Raises:
+        InputError: samples cannot carry a diagnosis.
+    """
+    base, preparation_notes = prepare(system, observed)
+    if possible is None:
+        possible = system.candidates(base.observed.points, base.base)
+    boxes = candidate_regions(base.observed.coordinates)
+    advice = advise(compute_posterior(base, boxes, seed), possible)
+    return replace(advice, notes=(*notes, *preparation_notes), seed=seed)

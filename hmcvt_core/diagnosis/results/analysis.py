@@ -1,0 +1,90 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""All that is inferred of a campaign before it is summarised."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..detection.regions import Regions
+from ..detection.significance import Significance
+from ..fitting.refit import Fit
+from ..selection.explanation import Explanation
+from ..selection.posterior import Posterior
+from ..settings import GAP_SIGNIFICANCE
+from ..system import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Detection and selection on one campaign.
+
+    Attributes:
+        posterior: over all explanations.
+        boxes: candidate regions.
+        detection: significance of the gap and of each region.
+        seed: of every random number.
+    """
+
+    posterior: Posterior
+    boxes: Regions
+    detection: Significance
+    seed: int
+
+    @property
+    def base(self) -> Fit:
+        """The refit without any effect."""
+        return self.posterior.base_only.fit
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is a gap."""
+        return self.detection.p_value <= GAP_SIGNIFICANCE
+
+    @cached_property
+    def leading(self) -> tuple[Explanation, float]:
+        """The most probable set of listed effects, and its probability."""
+        return next(iter(self.posterior.sets.values()))
+
+    @cached_property
+    def expected_gap(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the gap at the samples, over the posterior."""
+        return self.posterior.relevant.gap_at()
+
+    @cached_property
+    def noise(self) -> Array:
+        """Standard deviation of the first channel, (n,); without a gap that of the base model."""
+        model = self.posterior.base_only.plain_model
+        if self.significant:
+            model = self.posterior.entries[0][0].model
+        return np.asarray(self.base.observed.deviation[0] * np.sqrt(model.noise[0]))
+
+
+def parameter_covariance(explanation: Explanation) -> Array:
+    """Covariance of base parameters and sizes at the fitted shapes, shape (p, p).
+
+    With shapes free, a size could take any value that keeps the loss.
+    """
+    hypothesis = explanation.fit.hypothesis
+    kept = [*range(hypothesis.base_count), *hypothesis.size_indices]
+    information = np.linalg.inv(explanation.plain_model.covariance)
+    return np.asarray(np.linalg.inv(information[np.ix_(kept, kept)]))
+
+
+def model_of(explanation: Explanation, fit: Fit) -> Any:
+    """Return the system's model of a fit, with the covariance of its base parameters.
+
+    Args:
+        explanation: gives the covariance.
+        fit: the refit that the model holds.
+    """
+    count = fit.hypothesis.base_count
+    covariance = parameter_covariance(explanation)[:count, :count]
+    system = fit.hypothesis.system
+    return system.model_of(fit.base, fit.effects, fit.observed.samples, covariance)
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,75 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A diagnosis as users get it: values, text, plain data and a picture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from typing import Any
+
+from ...files import picture, preformatted
+from .outcome import Outcome
+from .text import report
+
+_NOT_IN_JSON = ("limits", "point", "setting", "model")
+"""Fields that plain data gives axis by axis, or not at all."""
+
+
+class Diagnosis(Outcome):
+    """Outcome of a diagnosis: see `Outcome` for its fields."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the JSON object of `hmcvt diagnose --json`."""
+        nowhere = {axis.name: None for axis in self.axes}
+        data = {
+            "gap": _fields(self.gap),
+            "where": [{**region.limits, **_fields(region)} for region in self.where],
+            "component": self.component,
+            "verdict": self.verdict,
+            "causes": [_fields(cause) for cause in self.causes],
+            "sets": [_fields(item) for item in self.sets],
+            "unlisted_probability": self.unlisted,
+            "shrinkage": _fields(self.shrinkage),
+            "delivered": _fields(self.delivered),
+            "next_tests": [
+                {**(test.point or nowhere), **_fields(test)} for test in self.next_tests
+            ],
+            "advice": self.advice.to_dict(),
+            "notes": self.notes,
+            "parameters": {
+                name: _fields(estimate) for name, estimate in self.parameters.items()
+            },
+            "seed": self.seed,
+        }
+        return dict(json.loads(json.dumps(data)))
+
+    def report(self) -> str:
+        """Return the outcome as text for a person, at most 100 columns wide."""
+        return report(self)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the residuals before and after.
+
+        Args:
+            ax: matplotlib Axes to draw into, those after where a cause is named, else those
+                before; None makes a figure of both.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            InputError: matplotlib is missing.
+        """
+        return picture(self, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return preformatted(self.report())
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Return the fields of a value as plain data has them."""
+    return {
+        item.name: getattr(value, item.name)
+        for item in fields(value)
+        if item.name not in _NOT_IN_JSON
+    }

@@ -1,0 +1,52 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Notes on the noise of a campaign: a wrong statement, or what a statement would change."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..detection.significance import significance
+from ..fitting.refit import refit
+from ..settings import NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
+from .analysis import Analysis, rms
+
+
+def noise_notes(analysis: Analysis) -> tuple[str, ...]:
+    """Say that the noise differs from the statement, or what a statement would change."""
+    observed = analysis.base.observed
+    channel = observed.channels[0]
+    stated = observed.stated_noise
+    estimated = rms(analysis.noise)
+    if observed.assumed and len(observed) < SMALL_CAMPAIGN:
+        return (_significance_if_stated(analysis),)
+    ratio = estimated / stated
+    lowest, highest = NOISE_AS_STATED
+    if lowest < ratio < highest:
+        return ()
+    if not observed.assumed:
+        return (
+            f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
+            "check the statement",
+        )
+    usual = channel.deviation(observed.measured[0])
+    if np.ptp(observed.deviation[0] / usual) > ROUNDING:
+        return ()  # no single number states noise that changes over the operating points
+    return (
+        f"the noise was not stated; it looks like {channel.factor * estimated:.2g} {channel.unit}, "
+        f"{ratio:.2f} times what is assumed: --noise {estimated:.2g} states that",
+    )
+
+
+def _significance_if_stated(analysis: Analysis) -> str:
+    """Say which p value the assumed noise would give if it were stated."""
+    observed = analysis.base.observed
+    channel = observed.channels[0]
+    noise = float(f"{observed.stated_noise:.2g}")
+    fit = refit(analysis.base.hypothesis, observed.with_stated_noise(noise))
+    p_value = significance(fit, analysis.boxes, analysis.seed).p_value
+    return (
+        f"the noise was not stated, and {len(observed)} samples cannot distinguish it from a gap: "
+        f"the verdict rests on an assumption; if the noise is known to be "
+        f"{channel.factor * noise:.2g} {channel.unit}, --noise {noise:g} gives p = "
+        f"{p_value:.2g}"
+    )

@@ -1,0 +1,320 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The outcome of a diagnosis as values; nothing is inferred here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..design.advice import Advice, NextTest
+from ..observations import Observations
+from ..selection.posterior import Posterior
+from ..settings import UNEXPLAINED_PROBABILITY
+from ..system import Array, Axis, Channel
+
+NAMING = ("cause_found", "ambiguous")
+"""Verdicts that name a cause."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Size and significance of the gap after the base parameters are refitted.
+
+    Sizes are in the unit of the first channel, the efficiency of a transmission.
+
+    Attributes:
+        samples: number of samples.
+        rmse: of the refitted base model at samples left out of the fit.
+        noise: standard deviation, as the diagnosis estimates it.
+        noise_stated: as given or assumed.
+        noise_source: where `noise_stated` comes from.
+        p_value: probability that no gap shows as much anywhere.
+        significant: whether it counts as a gap.
+    """
+
+    samples: int
+    rmse: float
+    noise: float
+    noise_stated: float
+    noise_source: str
+    p_value: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box in which the bench differs from the refitted base model.
+
+    Attributes:
+        limits: (low, high) by the name of the axis, SI.
+        mean_residual: measured - predicted of the first channel, mean over the box.
+        samples: number of samples in the box.
+        p_value: family-wise, over all boxes tested.
+        channel: the reading that shows the difference most clearly.
+    """
+
+    limits: Mapping[str, tuple[float, float]]
+    mean_residual: float
+    samples: int
+    p_value: float
+    channel: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect as a cause of the gap.
+
+    Attributes:
+        effect: name of the effect.
+        form: name of its form.
+        component: the part it belongs to.
+        probability: that it is present.
+        indistinguishable_from: effects that these data cannot distinguish from it: the rest of the
+            smallest set that holds the cause with 80 %, given that it is a listed one.
+        together_with: the other effects of its most probable set, in words, or None.
+        parameters: fitted values by name with `unit` and `meaning`; sizes also have
+            `standard_error`, `interval` (95 %) and `plausible`.
+        gap_after: root of the mean squared error above noise once it is added.
+        shrinkage: 1 - G2_after / G2_before by cross-validation, with the effect held in every
+            fold; None without a gap.
+        drift: change of each base parameter when the effect is added.
+        summary: what the effect does, in plain words.
+        source: of its form.
+        remedy: the measurement that settles it.
+        model: the base model refitted with it, for the channels that it serves.
+    """
+
+    effect: str
+    form: str
+    component: str
+    probability: float
+    indistinguishable_from: tuple[str, ...]
+    together_with: str | None
+    parameters: dict[str, dict[str, Any]]
+    gap_after: float
+    shrinkage: float | None
+    drift: dict[str, dict[str, float]]
+    summary: str
+    source: str
+    remedy: str
+    model: Any = field(repr=False)
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """A set of effects that together may be all of the gap.
+
+    Attributes:
+        effects: names, sorted.
+        probability: that these effects are present and no others.
+        gap_after: as of a `Cause`, with all of them added; None beyond the first five.
+        shrinkage: as of a `Cause`, with all of them added; None beyond the first five.
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+    gap_after: float | None
+    shrinkage: float | None
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """Errors at samples left out of the fit, as the meters of the bench read.
+
+    Attributes:
+        rmse_before: of the refitted base model.
+        rmse_after: of the model that is saved.
+    """
+
+    rmse_before: float
+    rmse_after: float
+
+
+@dataclass(frozen=True)
+class ShrinkageSummary:
+    """How far the gap shrinks.
+
+    By cross-validation it is that of the leading set, held in every fold; on a holdout that of the
+    model of the first cause.
+
+    Attributes:
+        before: root of the mean squared error above noise of the base model; 0 where it is below
+            the noise, but by cross-validation at least the model-averaged gap (`gap_at`), weighted
+            by the noise fraction.
+        after: the same with the effects added.
+        fraction: 1 - G2_after / G2_before, or None where there is no gap before.
+        interval: of `fraction`, 95 %, or None.
+        on: `cross-validation` or `holdout`.
+    """
+
+    before: float
+    after: float
+    fraction: float | None
+    interval: tuple[float, float] | None
+    on: str
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A fitted base parameter.
+
+    Attributes:
+        value: in its unit.
+        standard_error: linearised at the fit, in the same unit.
+        unit: of both; empty where the system states none.
+    """
+
+    value: float
+    standard_error: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Outcome of a diagnosis; `Diagnosis` adds text, plain data and a picture.
+
+    Attributes:
+        gap: size and significance of the gap.
+        where: regions in which the bench differs from the refitted base model.
+        verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
+        causes: effects that may be present, those of the leading set first.
+        sets: sets of effects, most probable first.
+        shrinkage: how far the gap shrinks with the leading set.
+        delivered: errors of the models before and after.
+        next_tests: tests and measurements that distinguish what is still open.
+        advice: what to measure next, or why to stop.
+        unlisted: probability that listed effects are not all of the gap.
+        misfit: of it, that the base model is a little off and nothing else.
+        lost_power: mean cost of the leading set of causes over the samples [W], or of the gap where
+            no cause is named.
+        warnings: why the readings may be of another machine, in plain sentences.
+        notes: on the data and the search, the warnings first.
+        base: the base model refitted to the samples, no effect added.
+        posterior: over the relevant explanations; it predicts the gap at any point.
+        samples: what was diagnosed.
+        residuals: measured - predicted of the refitted base model at samples left out, shape (n,).
+        judged: the samples by which the shrinkage is measured, of the holdout or the same, m of
+            them.
+        residuals_before: residuals of the base model at those, shape (m,).
+        residuals_after: residuals with the leading set added, shape (m,).
+        base_parameters: of the refitted base model, by name.
+        parameters: of `model`, by name.
+        seed: of every random number.
+    """
+
+    gap: Gap
+    where: tuple[Region, ...]
+    verdict: str
+    causes: tuple[Cause, ...]
+    sets: tuple[CauseSet, ...]
+    shrinkage: ShrinkageSummary
+    delivered: Delivered
+    next_tests: tuple[NextTest, ...]
+    advice: Advice
+    unlisted: float
+    misfit: float
+    lost_power: float
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    base: Any
+    posterior: Posterior
+    samples: Any
+    residuals: Array
+    judged: Any
+    residuals_before: Array
+    residuals_after: Array
+    base_parameters: Mapping[str, ParameterEstimate]
+    parameters: Mapping[str, ParameterEstimate]
+    seed: int = 0
+
+    @property
+    def alive(self) -> Posterior:
+        """Earlier name of `posterior`."""
+        return self.posterior
+
+    @property
+    def _observed(self) -> Observations:
+        return self.posterior.base_only.fit.observed
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of the operating points that a test can set."""
+        return self._observed.steered
+
+    @property
+    def extent(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the samples along each of `axes`."""
+        extent = {}
+        for axis, values in zip(self.axes, self._observed.coordinates, strict=True):
+            extent[axis.name] = (float(values.min()), float(values.max()))
+        return extent
+
+    @property
+    def channel(self) -> Channel:
+        """The channel in which the gap is measured."""
+        return self._observed.channels[0]
+
+    def gap_at(
+        self, *coordinates: Array | float, **named: Array | float
+    ) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the gap at any operating point.
+
+        Measured minus refitted base, averaged over the relevant explanations, unlisted losses among
+        them.
+
+        Args:
+            coordinates: a value along each of `axes`, in their order; arrays are broadcast.
+            named: the same by the name of the axis; an axis that is only recorded may be left out
+                and takes the median of the samples.
+
+        Returns:
+            Mean and standard deviation in the unit of `channel`; NaN where the model has no answer.
+
+        Raises:
+            InputError: a value is missing, or there is no such axis.
+        """
+        observed = self._observed
+        steered = [axis.name for axis in self.axes]
+        known = [axis.name for axis in observed.axes]
+        given = {**dict(zip(steered, coordinates, strict=False)), **named}
+        for name in steered:
+            if name not in given:
+                raise InputError(f"gap_at needs {', '.join(known)}: {name} is missing")
+        for name in named:
+            if name not in known:
+                raise InputError(f"gap_at needs {', '.join(known)}: {name} is unknown")
+        values = []
+        for name in known:
+            usual = np.median(observed.points[name])
+            values.append(np.asarray(given.get(name, usual), dtype=float))
+        rows = np.broadcast_arrays(*values)
+        points = {name: row.ravel() for name, row in zip(known, rows, strict=True)}
+        mean, deviation = self.posterior.gap_at(points)
+        shape = rows[0].shape
+        return mean.reshape(shape), deviation.reshape(shape)
+
+    @property
+    def merely_off(self) -> bool:
+        """Whether the gap is most likely a base model that is a little off, and nothing else."""
+        return self.misfit > self.unlisted / 2.0 > UNEXPLAINED_PROBABILITY / 2.0
+
+    @property
+    def named(self) -> Cause | None:
+        """The leading cause, if the verdict names one."""
+        if self.causes and self.verdict in NAMING:
+            return self.causes[0]
+        return None
+
+    @property
+    def component(self) -> str | None:
+        """The part in which the leading cause acts."""
+        return self.named.component if self.named else None
+
+    @property
+    def model(self) -> Any:
+        """The model to use: with the leading set of causes if the verdict names one."""
+        return self.named.model if self.named else self.base

@@ -1,0 +1,199 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The outcome of a diagnosis in sentences; nothing is computed here, and nothing is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..design.advice import named
+from ..settings import REGION_SIGNIFICANCE
+from ..system import Axis
+from ..wording import fixed, listed, percent, plain, probability
+from .outcome import CauseSet, Outcome, Region
+
+WIDE_PART = 0.75
+"""Part of the range of an axis from which a region is not special along it. Chosen for reading."""
+LOW_PART = 0.4
+HIGH_PART = 0.6
+"""Part of the range up to which the middle of a region is low, and from which it is high."""
+OUTSTANDING_PROBABILITY = 0.3
+"""Probability below which a leading set is one among many. Chosen for reading."""
+MENTIONED_PROBABILITY = 0.03
+MOST_MENTIONED_SETS = 4
+"""Sets that the verdict mentions: how probable at least, and how many at most."""
+LONGEST_HEADLINE = 25
+"""Words of the sentence for the mechanic, beyond which it leaves out what to do."""
+
+
+def amount(outcome: Outcome, value: float, sign: bool = False) -> str:
+    """Return a value of the channel in which the gap is measured, in the unit of its reports."""
+    channel = outcome.channel
+    return f"{fixed(channel.factor * value, channel.digits, sign)} {channel.unit}"
+
+
+def mechanic(outcome: Outcome) -> str:
+    """Return what is probably wrong, what it costs and what to do, without statistics."""
+    if outcome.warnings:
+        return "The readings do not fit this machine: resolve the points below first."
+    if outcome.verdict == "no_gap":
+        return "Bench and model agree: nothing to look for."
+    if outcome.merely_off:
+        return "The model is slightly off, smoothly: too little to blame any part."
+    cost = _cost(outcome)
+    if outcome.named is None:
+        region = region_words(outcome.where[0], outcome) if outcome.where else ""
+        return f"Something unlisted, {cost}: look at {region or 'the whole range'}."
+    if outcome.named.component == "sensor":
+        cost = "a meter, not a loss"
+    statement = f"{_suspects(outcome)}, {cost}"
+    remedy = (outcome.advice.measure or outcome.named.remedy).split("; or ")[0]
+    with_remedy = f"{statement}: {remedy}."
+    if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
+        return with_remedy
+    return f"{statement}."
+
+
+def _cost(outcome: Outcome) -> str:
+    watts = abs(float(f"{outcome.lost_power:.2g}"))
+    if watts < 1.0:
+        return "hardly any power"
+    change = "lost" if outcome.lost_power > 0.0 else "gained"
+    return f"about {watts:.0f} W {change} on average"
+
+
+def _suspects(outcome: Outcome) -> str:
+    names = [plain(name) for name in outcome.sets[0].effects]
+    together = listed(names, "and")
+    if outcome.verdict != "ambiguous":
+        return f"Probably {together}"
+    if len(outcome.sets) > 1 and len(names) == 1:
+        return f"Perhaps {together}, perhaps {named(outcome.sets[1].effects)}"
+    return f"Perhaps {together}, or others"
+
+
+def verdict(outcome: Outcome) -> str:
+    """Return the outcome in a sentence or two."""
+    if outcome.verdict == "no_gap":
+        return (
+            f"No gap is seen: with its base parameters refitted, the model differs from the "
+            f"{outcome.gap.samples} samples by no more than their noise of "
+            f"{amount(outcome, outcome.gap.noise)} explains."
+        )
+    difference = _difference(outcome)
+    if outcome.merely_off:
+        return (
+            f"{difference}. The model is off by {amount(outcome, outcome.shrinkage.before)}, "
+            "smoothly: less than a cause would need, and none is named."
+        )
+    if outcome.verdict == "unexplained" or not outcome.causes:
+        return (
+            f"{difference}. No effect in the library explains it by itself"
+            f"{_best_listed(outcome)}."
+        )
+    return f"{difference}; {_explanation(outcome)}. {_removed(outcome)}"
+
+
+def _best_listed(outcome: Outcome) -> str:
+    fraction = outcome.shrinkage.fraction or 0.0
+    if fraction <= 0.0:
+        return ""
+    return (
+        f": the most probable set removes {percent(fraction)} of the squared gap in "
+        f"{plain(outcome.channel.name)}"
+    )
+
+
+def _difference(outcome: Outcome) -> str:
+    """Say how far bench and model differ, and where most."""
+    size = amount(outcome, outcome.shrinkage.before)
+    beyond = f"Bench and model differ by {size} beyond the noise"
+    if not outcome.where or outcome.where[0].p_value > REGION_SIGNIFICANCE:
+        return f"{beyond}, and no single region stands out"
+    region = outcome.where[0]
+    words = region_words(region, outcome)
+    if region.channel != outcome.channel.name:
+        at = f" at {words}" if words else ""
+        return f"{beyond}, most clearly in the {plain(region.channel)}{at}"
+    side = "below" if region.mean_residual < 0.0 else "above"
+    at = f", mostly at {words}" if words else " over the whole range"
+    return (
+        f"The bench lies {amount(outcome, abs(region.mean_residual))} {side} the refitted "
+        f"model{at}"
+    )
+
+
+def region_words(region: Region, outcome: Outcome) -> str:
+    """Return where a region lies in words such as `high engine speed and low load`."""
+    graded = [axis for axis in outcome.axes if axis.graded]
+    with_limits = [axis for axis in outcome.axes if not axis.graded]
+    words = []
+    for axis in (*graded, *with_limits):
+        part = _part_of_range(axis, region, outcome)
+        if part:
+            words.append(part)
+    return listed(words, "and")
+
+
+def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
+    """Return where a region lies along an axis; nothing where it spans most of the range."""
+    low, high = region.limits[axis.name]
+    lowest, highest = outcome.extent[axis.name]
+    span = highest - lowest
+    if span <= 0.0 or (high - low) / span > WIDE_PART:
+        return ""
+    if not axis.graded:
+        limits = f"{fixed(low, axis.digits)} to {fixed(high, axis.digits)}"
+        return f"{axis.word} {limits}"
+    middle = ((low + high) / 2.0 - lowest) / span
+    degree = "medium"
+    if middle < LOW_PART:
+        degree = "low"
+    elif middle > HIGH_PART:
+        degree = "high"
+    return f"{degree} {axis.word}"
+
+
+def _explanation(outcome: Outcome) -> str:
+    """Say which sets explain the gap."""
+    leading = outcome.sets[0]
+    if outcome.verdict == "cause_found":
+        verb = "explain" if len(leading.effects) > 1 else "explains"
+        return f"{_with_probability(leading)} {verb} it"
+    if leading.probability < OUTSTANDING_PROBABILITY:
+        first = [_with_probability(item) for item in outcome.sets[:3]]
+        return (
+            f"several sets of causes remain possible, among them {listed(first, 'and')}"
+        )
+    mentioned = [
+        _with_probability(item)
+        for item in outcome.sets
+        if item.probability >= MENTIONED_PROBABILITY
+    ]
+    others = listed(mentioned[1:MOST_MENTIONED_SETS]) or named(())
+    return f"{mentioned[0]} explains it best, but these data cannot distinguish it from {others}"
+
+
+def _with_probability(item: CauseSet) -> str:
+    return f"{named(item.effects)} ({probability(item.probability)})"
+
+
+def _removed(outcome: Outcome) -> str:
+    """Say how far the gap shrinks with the leading set."""
+    shrinkage = outcome.shrinkage
+    if shrinkage.fraction is None:
+        return "These samples do not show how far the gap would shrink."
+    kind = "held" if shrinkage.on == "holdout" else "left"
+    added = f"On samples {kind} out, with {named(outcome.sets[0].effects)} added,"
+    if shrinkage.fraction <= 0.0:
+        return f"{added} the gap does not shrink yet."
+    interval = ""
+    if shrinkage.interval is not None:
+        interval = f" ({fraction_interval(shrinkage.interval)})"
+    return f"{added} {percent(shrinkage.fraction)} of the squared gap is removed{interval}."
+
+
+def fraction_interval(limits: Sequence[float]) -> str:
+    """Return the interval of a fraction in percent; a negative end is `below 0`."""
+    ends = ["below 0" if end < 0.0 else fixed(100.0 * end, 0) for end in limits]
+    low, high = ends
+    return f"{low} %" if low == high else f"{low} to {high} %"

@@ -1,0 +1,246 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Summary of an analysis: causes, sets, regions, parameters and lost power."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..detection.regions import covering
+from ..fitting.refit import Fit
+from ..selection.explanation import Explanation
+from ..selection.posterior import Posterior
+from ..settings import (
+    CAUSE_FOUND_PROBABILITY,
+    INTERVAL_DEVIATIONS,
+    LARGEST_PLAUSIBLE_SIZE,
+    LEAST_CAUSE_PROBABILITY,
+    MOST_CAUSES,
+    MOST_CAUSES_UNEXPLAINED,
+    MOST_REGIONS,
+    ROUNDING,
+    SUMMARISED_SETS,
+)
+from ..system import Array, BaseParameters, Effect
+from .analysis import Analysis, model_of, parameter_covariance, rms
+from .outcome import NAMING, Cause, CauseSet, ParameterEstimate, Region
+from .shrinkage import CrossValidation
+
+
+def causes_of(
+    analysis: Analysis, validation: CrossValidation, verdict: str
+) -> tuple[Cause, ...]:
+    """Return the effects that may be present; those of the leading set come first."""
+    if not analysis.significant:
+        return ()
+    leading, _ = analysis.leading
+    probabilities = analysis.posterior.effects
+    members = [name for name in probabilities if name in leading.names]
+    others = [
+        name
+        for name, probability in probabilities.items()
+        if name not in leading.names and probability >= LEAST_CAUSE_PROBABILITY
+    ]
+    most = MOST_CAUSES_UNEXPLAINED if verdict == "unexplained" else MOST_CAUSES
+    names = (members + others)[:most]
+    return tuple(_cause(analysis, validation, name) for name in names)
+
+
+def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
+    explanation = analysis.posterior.best_with(name)
+    fit = explanation.served_fit
+    index = [effect.name for effect in fit.effects].index(name)
+    effect = fit.effects[index]
+    errors = np.sqrt(np.diagonal(parameter_covariance(explanation)))
+    size_error = float(errors[fit.hypothesis.base_count + index])
+    shrinkage = validation.shrinkage(explanation)
+    partners = [other for other in explanation.names if other != name]
+    return Cause(
+        effect=name,
+        form=effect.form,
+        component=effect.component,
+        probability=analysis.posterior.effects[name],
+        indistinguishable_from=indistinguishable_from(analysis.posterior, name),
+        together_with=" and ".join(partners) or None,
+        parameters=_effect_parameters(effect, size_error),
+        gap_after=shrinkage.after,
+        shrinkage=shrinkage.fraction,
+        drift=_drift(analysis.base, fit, errors),
+        summary=effect.summary,
+        source=effect.source,
+        remedy=effect.remedy,
+        model=model_of(explanation, fit),
+    )
+
+
+def indistinguishable_from(posterior: Posterior, name: str) -> tuple[str, ...]:
+    """Return the effects that these data cannot distinguish from one.
+
+    They are the rest of the smallest credible set of effects. It is built greedily: each step adds
+    the effect that most of the probability not yet covered needs. Sets that consist of partners of
+    the effect only are no alternatives to it.
+    """
+    partners = set(posterior.best_with(name).names) - {name}
+    uncovered = {
+        names: probability
+        for names, (_, probability) in posterior.sets.items()
+        if not partners.issuperset(names)
+    }
+    limit = (1.0 - CAUSE_FOUND_PROBABILITY) * sum(uncovered.values()) + ROUNDING
+    chosen: list[str] = []
+    while sum(uncovered.values()) > limit:
+        needed: dict[str, float] = {}
+        for names, probability in uncovered.items():
+            for other in names:
+                if other not in partners:
+                    needed[other] = needed.get(other, 0) + probability
+        best = max(needed, key=needed.__getitem__)
+        chosen.append(best)
+        uncovered = {
+            names: probability
+            for names, probability in uncovered.items()
+            if best not in names
+        }
+    return tuple(other for other in chosen if other != name)
+
+
+def _effect_parameters(effect: Effect, size_error: float) -> dict[str, dict[str, Any]]:
+    """Return `Cause.parameters`.
+
+    Args:
+        effect: as fitted.
+        size_error: standard error of the size, in typical sizes.
+    """
+    values: dict[str, dict[str, Any]] = {}
+    for parameter in effect.parameters():
+        value = effect.values()[parameter.name]
+        entry = {
+            "value": value,
+            "unit": parameter.unit,
+            "meaning": parameter.meaning,
+        }
+        if parameter.is_size:
+            error = size_error * parameter.typical
+            reach = INTERVAL_DEVIATIONS * size_error * parameter.typical
+            entry["standard_error"] = abs(error)
+            entry["interval"] = [
+                max(value - reach, parameter.low),
+                min(value + reach, parameter.high),
+            ]
+            within = parameter.low < value < parameter.high
+            usual = abs(value) <= LARGEST_PLAUSIBLE_SIZE * abs(parameter.typical)
+            entry["plausible"] = bool(within and usual)
+        values[parameter.name] = entry
+    return values
+
+
+def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]]:
+    """Change of each base parameter when effects are added.
+
+    Args:
+        before: the base refit.
+        after: the refit with effects.
+        errors: standard errors of the scaled base parameters, then of the sizes.
+    """
+    base = before.hypothesis.system.base
+    without_effect = base.values(before.base)
+    with_effect = base.values(after.base)
+    standard_errors = (before.base - after.base) / errors[: len(base)]
+    drift = {}
+    for i, name in enumerate(base.names):
+        drift[name] = {
+            "without_effect": float(without_effect[i]),
+            "with_effect": float(with_effect[i]),
+            "standard_errors": float(standard_errors[i]),
+        }
+    return drift
+
+
+def parameters_of(explanation: Explanation, fit: Fit) -> dict[str, ParameterEstimate]:
+    """Return the base parameters of a refit with their standard errors.
+
+    Args:
+        explanation: gives the covariance.
+        fit: gives the values.
+    """
+    base: BaseParameters = fit.hypothesis.system.base
+    errors = np.sqrt(np.diagonal(parameter_covariance(explanation)))
+    values = base.values(fit.base)
+    estimates = {}
+    for i, name in enumerate(base.names):
+        step = np.zeros(len(base))
+        step[i] = 1e-3 * errors[i]  # within the linear range of a logarithm
+        change = base.values(fit.base + step)[i] - values[i]
+        unit = base.units[i] if base.units else ""
+        estimates[name] = ParameterEstimate(
+            float(values[i]), abs(1e3 * float(change)), unit
+        )
+    return estimates
+
+
+def sets_of(analysis: Analysis, validation: CrossValidation) -> tuple[CauseSet, ...]:
+    """Return the sets of effects, most probable first, the first five with their shrinkage."""
+    if not analysis.significant:
+        return ()
+    sets: list[CauseSet] = []
+    for names, (explanation, probability) in analysis.posterior.sets.items():
+        if len(sets) < SUMMARISED_SETS:
+            shrinkage = validation.shrinkage(explanation)
+            entry = CauseSet(names, probability, shrinkage.after, shrinkage.fraction)
+        else:
+            entry = CauseSet(names, probability, None, None)
+        sets.append(entry)
+    return tuple(sets)
+
+
+def regions_of(analysis: Analysis) -> tuple[Region, ...]:
+    """Return the fewest regions that hold the points at which the expected gap exceeds its rms."""
+    boxes = analysis.boxes
+    if not analysis.significant or not len(boxes):
+        return ()
+    expected, _ = analysis.expected_gap
+    large = np.abs(expected) > rms(expected)
+    chosen = covering(boxes.members, large, MOST_REGIONS)
+    chosen.sort(key=lambda box: -abs(np.sum(expected[boxes.members[box]])))
+    return tuple(_region(analysis, box) for box in chosen)
+
+
+def _region(analysis: Analysis, box: int) -> Region:
+    boxes = analysis.boxes
+    observed = analysis.base.observed
+    residuals = analysis.base.whitened[0] * observed.deviation[0]
+    inside = boxes.members[box]
+    limits = {}
+    for i, axis in enumerate(observed.steered):
+        limits[axis.name] = (float(boxes.low[box, i]), float(boxes.high[box, i]))
+    channel = observed.channels[analysis.detection.region_channel[box]]
+    return Region(
+        limits=limits,
+        mean_residual=float(residuals[inside].mean()),
+        samples=int(inside.sum()),
+        p_value=float(analysis.detection.region_p[box]),
+        channel=channel.name,
+    )
+
+
+def lost_power_of(analysis: Analysis, verdict: str) -> float:
+    """Return the mean power that the leading set takes over the samples [W].
+
+    Where no cause is named it is that of the gap, over the samples at which the gap is large.
+    """
+    base = analysis.base
+    points = base.observed.points
+    system = base.hypothesis.system
+    if verdict in NAMING:
+        leading, _ = analysis.leading
+        fit = leading.served_fit
+        without_effects = system.predict(fit.base, (), points)[0]
+        with_effects = fit.hypothesis.predict(fit.theta, points)[0]
+        return float(np.mean(system.lost_power(points, without_effects, with_effects)))
+    expected = system.predict(base.base, (), points)[0]
+    gap, _ = analysis.expected_gap
+    lost = system.lost_power(points, expected, expected + gap)
+    answered = np.isfinite(gap)
+    large = np.abs(gap) >= rms(gap[answered])
+    return float(np.mean(lost[answered & large]))

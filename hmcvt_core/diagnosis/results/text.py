@@ -1,0 +1,198 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The report of a diagnosis: its verdict and the grounds, as text for a person.
+
+Pages take their words from this module too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..design.advice import Advice, NextTest, point_in_words
+from ..design.advice import named as named
+from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..wording import AT_MOST as AT_MOST
+from ..wording import MINUS as MINUS
+from ..wording import NOTHING as NOTHING
+from ..wording import chance as chance
+from ..wording import fixed as fixed
+from ..wording import listed as listed
+from ..wording import number as number
+from ..wording import p_is as p_is
+from ..wording import percent as percent
+from ..wording import plain as plain
+from ..wording import probability as probability
+from ..wording import wrapped as wrapped
+from .outcome import Cause, Outcome, Region
+from .sentences import amount as amount
+from .sentences import fraction_interval as fraction_interval
+from .sentences import mechanic as mechanic
+from .sentences import region_words as region_words
+from .sentences import verdict as verdict
+
+REPORTED_PROBABILITY = 0.01
+REPORTED_SETS = 5
+"""Sets in the report: how probable at least, and how many at most."""
+DETAILED_CAUSES = 3
+"""Causes that are described in full; the page has all."""
+SETTLED_ERRORS = 2.0
+"""Standard errors from which a drift of a base parameter is worth a line."""
+MARGIN = 11
+"""Columns of the titles of a report, by which wrapped lines are indented."""
+
+
+def report(outcome: Outcome) -> str:
+    """Return the outcome as text, at most 100 columns wide."""
+    lines = [
+        mechanic(outcome),
+        "",
+        *outcome.warnings,
+        verdict(outcome),
+        "",
+        *_gap_lines(outcome),
+        *_region_lines(outcome),
+        *_cause_lines(outcome),
+        *_test_lines(outcome),
+    ]
+    notes = outcome.notes[len(outcome.warnings) :]
+    lines += [f"note: {note}" for note in notes]
+    plain_lines = [line.replace(MINUS, "-").replace(AT_MOST, "<=") for line in lines]
+    return "\n".join(wrapped(line, _margin(line)) for line in plain_lines)
+
+
+def _margin(line: str) -> int:
+    """Return the indent of the further lines of one that is wrapped."""
+    has_title = line[:1].isalpha() and "  " in line
+    if has_title:
+        return MARGIN
+    return len(line) - len(line.lstrip())
+
+
+def _gap_lines(outcome: Outcome) -> list[str]:
+    gap = outcome.gap
+    shrinkage = outcome.shrinkage
+    before = amount(outcome, shrinkage.before)
+    after = amount(outcome, shrinkage.after)
+    lines = [
+        f"gap        {gap.samples} samples, {before} rms beyond the noise, "
+        f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
+        f"noise      {amount(outcome, gap.noise)}; before the fit "
+        f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
+        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples left out",
+    ]
+    if shrinkage.fraction is not None:
+        grows = ", where it grows" if shrinkage.fraction < 0.0 else ""
+        lines.append(
+            f"shrinkage  {before} -> {after} beyond the noise, on {shrinkage.on}{grows}"
+        )
+    return lines
+
+
+def _region_lines(outcome: Outcome) -> list[str]:
+    if not outcome.where:
+        return []
+    head = [axis.heading for axis in outcome.axes]
+    head += ["measured - model", "samples", "p"]
+    rows = [head, *(_region_row(region, outcome) for region in outcome.where)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = []
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
+        table.append("  ".join(cells).rstrip())
+    first, *others = table
+    lines = [f"where      {first}"]
+    lines += [f"           {line}" for line in others]
+    if outcome.where[0].p_value > REGION_SIGNIFICANCE:
+        lines.append(
+            "           no region is significant by itself: the gap shows in the samples "
+            "as a whole"
+        )
+    return lines
+
+
+def _region_row(region: Region, outcome: Outcome) -> list[str]:
+    cells = []
+    for axis in outcome.axes:
+        low, high = region.limits[axis.name]
+        cells.append(f"{low:.{axis.digits}f} .. {high:.{axis.digits}f}")
+    return [
+        *cells,
+        amount(outcome, region.mean_residual, sign=True),
+        str(region.samples),
+        chance(region.p_value),
+    ]
+
+
+def _cause_lines(outcome: Outcome) -> list[str]:
+    if not outcome.causes:
+        return []
+    sets = [
+        f"{named(item.effects)} {probability(item.probability)}"
+        for item in outcome.sets
+        if item.probability >= REPORTED_PROBABILITY
+    ][:REPORTED_SETS]
+    sets.append(f"something unlisted {probability(outcome.unlisted)}")
+    lines = [f"sets       {', '.join(sets)}", "causes     probability over all sets"]
+    for cause in outcome.causes[:DETAILED_CAUSES]:
+        lines += _one_cause(cause)
+    others = [
+        f"{cause.effect} ({100 * cause.probability:.0f} %)"
+        for cause in outcome.causes[DETAILED_CAUSES:]
+    ]
+    if others:
+        lines.append(f"  less probable: {', '.join(others)}")
+    return lines
+
+
+def _one_cause(cause: Cause) -> list[str]:
+    form = f", {cause.form}" if cause.form else ""
+    lines = [
+        f"  {100 * cause.probability:3.0f} %  {cause.effect}{form}  [{cause.component}]",
+        f"         {cause.summary}",
+    ]
+    for name, entry in cause.parameters.items():
+        lines.append(f"         {name} = {_parameter_in_words(entry)}")
+    for name, change in cause.drift.items():
+        errors = change["standard_errors"]
+        if abs(errors) > SETTLED_ERRORS:
+            lines.append(
+                f"         without it {name} would be {change['without_effect']:.3g} "
+                f"instead of {change['with_effect']:.3g} ({errors:+.1f} standard errors)"
+            )
+    return lines
+
+
+def _parameter_in_words(entry: dict[str, Any]) -> str:
+    """Return a size with its interval, or a fitted shape."""
+    value = f"{entry['value']:.3g} {entry['unit']}".removesuffix(" -")
+    if "interval" not in entry:
+        return f"{value} (shape: {entry['meaning']})"
+    low, high = entry["interval"]
+    doubt = "" if entry["plausible"] else ", implausible size"
+    return f"{value} (95 %: {low:.3g} to {high:.3g}){doubt}"
+
+
+def _test_lines(outcome: Outcome) -> list[str]:
+    tests = outcome.next_tests
+    if not tests:
+        return []
+    head = "next tests"
+    if tests[0].point:
+        head += (
+            " (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
+            "halves the choice)"
+        )
+    return [head, *(_test_line(test, outcome) for test in tests)]
+
+
+def _test_line(test: NextTest, outcome: Outcome) -> str:
+    separates = f"distinguishes {' from '.join(test.separates)}"
+    if not test.point:
+        return f"  {test.measure}: {separates}"
+    point = point_in_words(test, outcome.axes)
+    return f"  {point}: {separates}, gain {test.gain:.1f}"
+
+
+def advice(what_next: Advice) -> str:
+    """Return `what_next.report()`; an earlier name."""
+    return what_next.report()

@@ -1,0 +1,54 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The verdict of a diagnosis."""
+
+from __future__ import annotations
+
+from ..settings import (
+    CAUSE_FOUND_PROBABILITY,
+    RIVAL_SET_MARGIN,
+    UNEXPLAINED_PROBABILITY,
+)
+from .analysis import Analysis
+
+
+def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
+    """Return the verdict, and notes on why no cause, or no more than a set, is named."""
+    if not analysis.significant:
+        return "no_gap", ()
+    posterior = analysis.posterior
+    if posterior.unlisted > UNEXPLAINED_PROBABILITY:
+        if posterior.misfit > posterior.unlisted / 2.0:
+            note = (
+                "the base model is slightly off, smoothly: less than a cause would need"
+            )
+        else:
+            note = "no set of listed effects explains the gap: look at the regions"
+        return "unexplained", (note,)
+    _, probability = analysis.leading
+    verdict = "ambiguous"
+    if probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis):
+        verdict = "cause_found"
+    if _leads_with_discrepancy(analysis):
+        return verdict, (
+            "a smaller loss that is not in the library is present too: look at the regions",
+        )
+    return verdict, ()
+
+
+def _has_rival(analysis: Analysis) -> bool:
+    """Whether the readings, without the priors, leave another set of the same size possible."""
+    leading, _ = analysis.leading
+    for names, (explanation, _) in analysis.posterior.sets.items():
+        if explanation is leading or len(names) != len(leading.names):
+            continue
+        if explanation.log_evidence > leading.log_evidence - RIVAL_SET_MARGIN:
+            return True
+    return False
+
+
+def _leads_with_discrepancy(analysis: Analysis) -> bool:
+    """Whether the likeliest explanation is a listed set and a smaller unlisted loss."""
+    first, _ = analysis.posterior.entries[0]
+    if first.discrepancy is None:
+        return False
+    return first.explained_fraction(analysis.posterior.base_only) > 0.5

@@ -1,0 +1,2 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which explanations of a gap compete, and how probable each is."""

@@ -1,0 +1,382 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Explanations of the readings: sets of effects, discrepancies, or the base model alone.
+
+Each explanation is refitted, or linear near a refit, and has an evidence. No model is exact:
+explanations with effects include an allowance for an inexact base model and for inexact forms.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..detection.regions import Regions
+from ..fitting.evidence import (
+    LinearModel,
+    change_of_prior_scale,
+    linear_models,
+    log_mean,
+)
+from ..fitting.refit import Fit, linearise, refit
+from ..observations import Observations
+from ..settings import (
+    EXACT_BASE_SPREAD,
+    EXPLAINED_BY_SET,
+    EXTRA_DISCREPANCY_PART,
+    FORM_ALLOWANCES,
+    LEAST_SQUARE_PART,
+    MISSED_PART,
+    NO_ANSWER,
+    SIZE_SPREADS,
+)
+from ..system import Array
+from .discrepancy import Discrepancy, allowance_columns, base_discrepancy
+from .prediction import Prediction
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """One explanation.
+
+    Attributes:
+        fit: the refit near which it is linear.
+        model: the linear model with its most likely allowances, at the widest prior of its sizes.
+            Coefficients in order: theta, base discrepancy, form discrepancies, `discrepancy`.
+        plain_model: without allowances, at the most likely prior of its sizes. Coefficients in
+            order: theta, `discrepancy`.
+        log_evidence: averaged over the prior scales [nats].
+        discrepancy: a discrepancy besides the effects, or None.
+    """
+
+    fit: Fit
+    model: LinearModel
+    plain_model: LinearModel
+    log_evidence: float
+    discrepancy: Discrepancy | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Effect names, sorted."""
+        return tuple(sorted(effect.name for effect in self.fit.hypothesis.effects))
+
+    @cached_property
+    def served_fit(self) -> Fit:
+        """The refit whose model is served."""
+        return self.fit.served_fit(self.model.noise)
+
+    @property
+    def is_listed_set(self) -> bool:
+        """Whether it is listed effects with the signs they have, and no discrepancy."""
+        return (
+            bool(self.names)
+            and self.discrepancy is None
+            and not self.fit.hypothesis.reversed_sign
+        )
+
+    @property
+    def is_base(self) -> bool:
+        """Whether it is a base model that is a little off and nothing else."""
+        return (
+            not self.names and self.discrepancy is not None and self.discrepancy.is_base
+        )
+
+    def explained_fraction(self, base_only: Explanation) -> float:
+        """Return how far the listed effects explain the gap, 0 to 1.
+
+        Two parts of the squared change from the base model reduce it: what an extra discrepancy
+        contributes beyond what inexact forms may miss, and what the set misses without the bends of
+        its forms.
+
+        Args:
+            base_only: the base model alone.
+        """
+        if not self.names or self.fit.hypothesis.reversed_sign:
+            return 0.0
+        observed = self.fit.observed
+        theta_count = len(self.fit.theta)
+        extra_count = self.plain_model.columns.shape[-1] - theta_count
+        without_extra = self.model.columns.shape[-1] - extra_count
+        base_functions = len(observed.channels) * len(observed.smooth[1])
+        without_bends = theta_count + base_functions
+
+        deviation = np.sqrt(self.model.noise)[:, None]
+        of_base = base_only.fit.whitened / deviation
+        of_all = self.model.residual() / deviation
+        of_allowances = self.model.residual(without_extra) / deviation
+        of_exact_forms = self.model.residual(without_bends) / deviation
+        of_set_alone = self.plain_model.residual(theta_count) / deviation
+
+        remaining = np.sum(of_all**2)
+        total_change = np.sum((of_base - of_all) ** 2) + LEAST_SQUARE_PART
+        reduction = max(np.sum(of_base**2) - remaining, LEAST_SQUARE_PART)
+        extra_part = np.sum((of_allowances - of_all) ** 2) / total_change
+        bends_part = np.sum((of_exact_forms - of_allowances) ** 2) / total_change
+        not_reduced_part = (np.sum(of_set_alone**2) - remaining) / reduction
+        missed_part = min(bends_part, not_reduced_part)
+
+        without_extra_factor = np.interp(
+            extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET
+        )
+        by_forms_factor = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
+        return float(without_extra_factor * by_forms_factor)
+
+    def prediction_at(
+        self, points: Observations, with_allowances: bool = False
+    ) -> Prediction:
+        """Return the posterior predictive at points, those of the campaign or others.
+
+        Args:
+            points: where; the mean is relative to `points.measured`.
+            with_allowances: whether base and forms may be a little off.
+        """
+        fit = self.fit
+        at_points = fit
+        if points is not fit.observed:
+            at_points = linearise(fit.hypothesis, points, fit.theta, fit.noise)
+        model = self.model if with_allowances else self.plain_model
+        columns = at_points.jacobian
+        if with_allowances and self.names:
+            columns = allowance_columns(at_points, fit.observed)
+        if self.discrepancy is not None:
+            of_discrepancy = self.discrepancy.columns(points)
+            columns = np.concatenate([columns, of_discrepancy], axis=-1)
+        # The refit itself is the plain prediction of an explanation without a discrepancy.
+        change = np.zeros(len(model.mean))
+        if with_allowances or self.discrepancy is not None:
+            change = model.mean.copy()
+            change[: len(fit.theta)] -= fit.theta - fit.hypothesis.prior_mean
+        no_answer = (at_points.whitened == NO_ANSWER).any(axis=0)
+        mean = columns @ change - at_points.whitened
+        return Prediction(np.where(no_answer, np.nan, mean), columns, model.covariance)
+
+
+# --- the base model, and sets of effects ----------------------------------------------------
+
+
+def explain_by_base(base: Fit) -> Explanation:
+    """Return the refitted base model as an explanation."""
+    spread = base.hypothesis.system.base.spread
+    (model,) = linear_models(
+        base.observed, base.jacobian, base.target, spread[None], base.hypothesis.signs
+    )
+    return Explanation(base, model, model, model.log_evidence)
+
+
+def explain(fit: Fit) -> Explanation:
+    """Return the explanation of a refitted set of effects, with its allowances.
+
+    Its evidence is the mean over the prior scales of the sizes, of the form allowance, and over an
+    inexact and an exact base model.
+    """
+    observed = fit.observed
+    sizes = fit.hypothesis.size_indices
+    signs = fit.hypothesis.signs
+    widest = np.full(len(sizes), max(SIZE_SPREADS))
+    columns = allowance_columns(fit, observed)
+    spreads = _allowance_spreads(fit, columns.shape[-1], widest)
+    # The moment prior enters with the scale of the sizes, below.
+    no_signs = np.full(columns.shape[-1], np.nan)
+    candidates = linear_models(observed, columns, fit.target, spreads, no_signs)
+    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
+    rows = []
+    for candidate in candidates:
+        change = change_of_prior_scale(
+            candidate.mean[sizes],
+            candidate.covariance[np.ix_(sizes, sizes)],
+            widest,
+            scales,
+            signs[sizes],
+        )
+        rows.append(candidate.log_evidence + change)
+    log_evidence = np.array(rows)
+    best_allowance, best_scale = np.unravel_index(
+        int(log_evidence.argmax()), log_evidence.shape
+    )
+    plain_spread = fit.hypothesis.spread(scales[best_scale])
+    (plain_model,) = linear_models(
+        observed, fit.jacobian, fit.target, plain_spread[None], signs
+    )
+    return Explanation(
+        fit,
+        candidates[best_allowance],
+        plain_model,
+        float(log_mean(log_evidence.ravel())),
+    )
+
+
+def _allowance_spreads(fit: Fit, columns: int, sizes: Array) -> Array:
+    """Return prior standard deviations of all coefficients for each pair of allowances.
+
+    Args:
+        fit: a refit with effects.
+        columns: number of columns of `allowance_columns`.
+        sizes: prior standard deviations of the sizes, in typical sizes, shape (effects,).
+
+    Returns:
+        Shape (form allowances x 2, columns).
+    """
+    _, inexact_base = base_discrepancy(fit.observed)
+    exact_base = np.full(len(inexact_base), EXACT_BASE_SPREAD)
+    of_theta = fit.hypothesis.spread(sizes)
+    bends = columns - len(of_theta) - len(inexact_base)
+    axes = len(fit.observed.coordinates)
+    # All bends of a form together have the variance of the allowance, once along each axis.
+    one_bend = np.sqrt(axes * len(sizes) / max(bends, 1))
+    spreads = []
+    for allowance in FORM_ALLOWANCES:
+        of_bends = allowance * np.full(bends, one_bend)
+        for of_base in (inexact_base, exact_base):
+            spreads.append(np.concatenate([of_theta, of_base, of_bends]))
+    return np.stack(spreads)
+
+
+def explain_exactly(fit: Fit) -> Explanation:
+    """Return the explanation of a refit continued with an exact Jacobian."""
+    return explain(refit(fit.hypothesis, fit.observed, fit.theta))
+
+
+# --- discrepancies --------------------------------------------------------------------------
+
+
+def with_discrepancy(
+    explanation: Explanation, discrepancy: Discrepancy, spreads: Sequence[Array]
+) -> Explanation:
+    """Return an explanation extended by a discrepancy, averaged over its priors.
+
+    Args:
+        explanation: to extend.
+        discrepancy: the addition.
+        spreads: prior standard deviations of its coefficients, shape (m,) each.
+    """
+    models = _extended(explanation.model, explanation, discrepancy, spreads)
+    plain_models = _extended(explanation.plain_model, explanation, discrepancy, spreads)
+    log_evidence = [model.log_evidence for model in models]
+    best = int(np.argmax(log_evidence))
+    return Explanation(
+        explanation.fit,
+        models[best],
+        plain_models[best],
+        float(log_mean(log_evidence)),
+        discrepancy,
+    )
+
+
+def _extended(
+    model: LinearModel,
+    explanation: Explanation,
+    discrepancy: Discrepancy,
+    spreads: Sequence[Array],
+) -> list[LinearModel]:
+    """Return a linear model of an explanation with a discrepancy, under each prior."""
+    observed = explanation.fit.observed
+    further = discrepancy.columns(observed)
+    no_signs = np.full(further.shape[-1], np.nan)
+    rows = [np.append(model.spread, spread) for spread in spreads]
+    return linear_models(
+        observed,
+        np.concatenate([model.columns, further], axis=-1),
+        model.target,
+        np.stack(rows),
+        np.append(model.signs, no_signs),
+    )
+
+
+def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
+    """Return the explanation of a base model that is a little off and nothing else."""
+    discrepancy, spread = base_discrepancy(base_only.fit.observed)
+    return with_discrepancy(base_only, discrepancy, [spread])
+
+
+def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
+    """Return an explanation with a smooth unlisted discrepancy, once for each channel."""
+    observed = explanation.fit.observed
+    extended = []
+    for i, channel in enumerate(observed.channels):
+        discrepancy = Discrepancy(observed, (i,))
+        spreads = [discrepancy.spread(scale) for scale in channel.field_spreads]
+        extended.append(with_discrepancy(explanation, discrepancy, spreads))
+    return extended
+
+
+def boxed_discrepancies(explanation: Explanation, boxes: Regions) -> list[Explanation]:
+    """Return an explanation with an unlisted discrepancy inside the best box and channel.
+
+    The boxes are compared at the noise that the explanation leaves; the best one is evaluated in
+    full. The evidence is the mean over all boxes and channels.
+
+    Args:
+        explanation: to extend.
+        boxes: where the discrepancy may lie; the result is empty if there are none.
+    """
+    observed = explanation.fit.observed
+    if not len(boxes):
+        return []
+    gains = []
+    for i in range(len(observed.channels)):
+        gains.append(_box_gains(explanation.model, observed, i, boxes))
+    best_channel, best_box = divmod(int(np.argmax(gains)), len(boxes))
+    limits = _open_at_the_edge(boxes.low[best_box], boxes.high[best_box], observed)
+    channel = observed.channels[best_channel]
+    best = with_discrepancy(
+        explanation,
+        Discrepancy(observed, (best_channel,), limits),
+        [np.array([scale]) for scale in channel.step_spreads],
+    )
+    mean_against_best = float(log_mean(np.ravel(gains)) - np.max(gains))
+    return [replace(best, log_evidence=best.log_evidence + mean_against_best)]
+
+
+def _box_gains(
+    model: LinearModel, observed: Observations, channel: int, boxes: Regions
+) -> Array:
+    """Return the gain in log evidence by a constant discrepancy inside each box.
+
+    With the column u of a box, P the projection that the model leaves, r its residuals, all in
+    units of the noise, and a prior variance s^2 of the coefficient: (u'r)^2 / (u'Pu) is the squared
+    signal, which the prior shrinks.
+
+    Args:
+        model: to extend.
+        observed: the readings.
+        channel: index of the channel with the discrepancy.
+        boxes: where it may lie.
+
+    Returns:
+        Shape (boxes,), averaged over the prior scales.
+    """
+    unit = observed.unit_discrepancy[channel]
+    weighted = unit / model.noise[:, None]
+    # Sums over all channels at once: a box holds a sample or not, whatever the channel.
+    with_columns = boxes.members @ np.einsum("cn,cn...->n...", weighted, model.columns)
+    with_itself = boxes.members @ np.einsum("cn,cn...->n...", weighted, unit)
+    with_residual = boxes.members @ np.einsum(
+        "cn,cn...->n...", weighted, model.residual()
+    )
+    absorbed = np.sum(with_columns @ model.covariance * with_columns, axis=1)
+    squares = np.maximum(with_itself - absorbed, LEAST_SQUARE_PART * with_itself)
+    spreads = observed.channels[channel].step_spreads
+    ratios = np.square(spreads)[:, None] * squares
+    signal = with_residual**2 / squares * ratios / (1.0 + ratios)
+    return log_mean(0.5 * (signal - np.log1p(ratios)))
+
+
+def _open_at_the_edge(low: Array, high: Array, observed: Observations) -> Array:
+    """Return the limits of a box, infinite where they are the edge of the campaign.
+
+    Args:
+        low: lower limits, shape (axes,).
+        high: upper limits, shape (axes,).
+        observed: the campaign.
+
+    Returns:
+        Shape (2, axes).
+    """
+    lowest = observed.coordinates.min(axis=1)
+    highest = observed.coordinates.max(axis=1)
+    open_low = np.where(low <= lowest, -np.inf, low)
+    open_high = np.where(high >= highest, np.inf, high)
+    return np.stack([open_low, open_high])

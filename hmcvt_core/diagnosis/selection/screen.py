@@ -1,0 +1,244 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The linear screen: which forms, added to a refit, gain most evidence."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.evidence import gram, linear_models, log_mean, model_evidence
+from ..fitting.hypothesis import Hypothesis
+from ..fitting.refit import Fit, Signature, refit
+from ..settings import SCREENED_SPREAD, SIZE_SPREADS
+from ..system import Array, Effect
+
+Names = tuple[str, ...]
+"""Names of effects."""
+Combination = tuple[int, ...]
+"""Indices of forms that are added together."""
+
+
+@dataclass(frozen=True)
+class LogFormPrior:
+    """Log of the mean likelihood over the forms of some effects against the best form.
+
+    Forms of one effect are equally likely before any bench. A set is refitted with its best form,
+    so its evidence is reduced by this, the price of the choice.
+
+    Attributes:
+        all_forms: over all forms.
+        free_shapes: over the forms that differ in what a refit with free shapes does not change.
+    """
+
+    all_forms: float = 0.0
+    free_shapes: float = 0.0
+
+    def times(self, other: LogFormPrior) -> LogFormPrior:
+        """Return the log form prior of the effects of both."""
+        return LogFormPrior(
+            self.all_forms + other.all_forms, self.free_shapes + other.free_shapes
+        )
+
+    def once_free(self) -> LogFormPrior:
+        """Return the log form prior once the shapes have been fitted."""
+        return LogFormPrior(self.free_shapes, self.free_shapes)
+
+
+class Proposal(NamedTuple):
+    """Forms added to a refit, in linear approximation.
+
+    Attributes:
+        gain: in log evidence, against the refit.
+        start: the refit that forms are added to.
+        effects: all forms, those of the start first.
+        changes: signatures of the added forms, shape (channels, n) each.
+        log_form_prior: of the added forms.
+    """
+
+    gain: float
+    start: Fit
+    effects: tuple[Effect, ...]
+    changes: tuple[Array, ...]
+    log_form_prior: LogFormPrior
+
+    def refit(self, reversed_sign: bool = False) -> Fit:
+        """Refit roughly from where the start ended."""
+        hypothesis = replace(
+            self.start.hypothesis, effects=self.effects, reversed_sign=reversed_sign
+        )
+        added = np.stack(self.changes, axis=-1)
+        slopes = np.concatenate([self.start.jacobian, added], axis=-1)
+        # From sizes of zero no step leaves more than the start had left.
+        theta = np.append(self.start.theta, np.zeros(len(self.changes)))
+        return refit(hypothesis, self.start.observed, theta, slopes, rough=True)
+
+
+def screen(
+    fit: Fit, library: Sequence[Signature], count: int = 1, reversed_sign: bool = False
+) -> list[Proposal]:
+    """Return forms added to a refit, by their gain in log evidence, best first.
+
+    Args:
+        fit: the refit; forms of effects that it has are left out.
+        library: the forms with their signatures.
+        count: how many forms of different effects are added at a time.
+        reversed_sign: whether their sizes have the sign they cannot have; effects of either sign
+            are then left out.
+    """
+    candidates = _candidates(fit, library, reversed_sign)
+    forms = tuple(form for form, _ in candidates)
+    combinations = _combinations(forms, count)
+    if not combinations:
+        return []
+    changes = np.stack([change for _, change in candidates], axis=-1)
+    gains = _gains(fit, forms, changes, combinations, reversed_sign)
+    log_form_priors = _log_form_priors(forms, combinations, gains.tolist())
+    proposals = []
+    for i in np.argsort(-gains):
+        combination = combinations[i]
+        proposals.append(
+            Proposal(
+                float(gains[i]),
+                fit,
+                (*fit.hypothesis.effects, *(forms[j] for j in combination)),
+                tuple(candidates[j][1] for j in combination),
+                log_form_priors[_names(forms, combination)],
+            )
+        )
+    return proposals
+
+
+def _candidates(
+    fit: Fit, library: Sequence[Signature], reversed_sign: bool
+) -> list[Signature]:
+    """Return the forms of the library that can be added to a refit."""
+    present = {effect.name for effect in fit.hypothesis.effects}
+    candidates = []
+    for form, change in library:
+        has_either_sign = form.sizes()[0].low < 0.0
+        if form.name in present or (reversed_sign and has_either_sign):
+            continue
+        candidates.append((form, change))
+    return candidates
+
+
+def _combinations(forms: Sequence[Effect], count: int) -> list[Combination]:
+    """Return the combinations of so many forms of different effects."""
+    combinations = []
+    for combination in itertools.combinations(range(len(forms)), count):
+        if len(set(_names(forms, combination))) == count:
+            combinations.append(combination)
+    return combinations
+
+
+def _names(forms: Sequence[Effect], combination: Combination) -> Names:
+    """Return the names of a combination, in the order of the library."""
+    return tuple(forms[i].name for i in combination)
+
+
+def _gains(
+    fit: Fit,
+    forms: tuple[Effect, ...],
+    changes: Array,
+    combinations: Sequence[Combination],
+    reversed_sign: bool,
+) -> Array:
+    """Return the gain in log evidence of each combination, averaged over the prior scales.
+
+    Args:
+        fit: the refit that forms are added to.
+        forms: candidates.
+        changes: their signatures, shape (channels, n, forms).
+        combinations: of them.
+        reversed_sign: as for `screen`.
+
+    Returns:
+        Shape (combinations,).
+    """
+    observed = fit.observed
+    hypothesis = fit.hypothesis
+    theta_count = len(fit.theta)
+    count = len(combinations[0])
+    spread = hypothesis.spread(SCREENED_SPREAD)
+    (without,) = linear_models(
+        observed, fit.jacobian, fit.target, spread[None], hypothesis.signs
+    )
+    # Columns of all models: theta of the refit, then the forms of the combination.
+    of_refit = np.tile(np.arange(theta_count), (len(combinations), 1))
+    columns = np.concatenate([of_refit, theta_count + np.array(combinations)], axis=1)
+    grams = _grams(fit, changes, columns)
+    of_forms = Hypothesis(hypothesis.system, forms, reversed_sign).signs
+    all_signs = np.append(hypothesis.signs, of_forms[hypothesis.base_count :])
+    log_evidence = []
+    for scale in SIZE_SPREADS:
+        extended = np.append(spread, np.full(count, scale))
+        posterior = model_evidence(
+            grams, len(observed), extended, observed.prior_dof, all_signs[columns]
+        )
+        log_evidence.append(posterior.log_evidence)
+    return np.asarray(log_mean(log_evidence) - without.log_evidence)
+
+
+def _grams(fit: Fit, changes: Array, columns: NDArray[np.intp]) -> Array:
+    """Return the Gram matrices of many models, picked from one of all columns.
+
+    Args:
+        fit: the refit that forms are added to.
+        changes: signatures of all forms, shape (channels, n, forms).
+        columns: indices of the columns of each model among those of the refit and all forms,
+            shape (m, p).
+
+    Returns:
+        Of [columns, target], shape (m, channels, p + 1, p + 1).
+    """
+    all_columns = np.concatenate([fit.jacobian, changes], axis=-1)
+    whole = gram(all_columns, fit.target)
+    target = np.full((len(columns), 1), all_columns.shape[-1])
+    picked = np.append(columns, target, axis=1)
+    row_index = picked[:, :, None]
+    column_index = picked[:, None, :]
+    by_channel = whole[:, row_index, column_index]
+    return np.moveaxis(by_channel, 0, 1)
+
+
+def _log_form_priors(
+    forms: Sequence[Effect], combinations: Sequence[Combination], gains: Sequence[float]
+) -> dict[Names, LogFormPrior]:
+    """Return the log form prior of each set of names.
+
+    Args:
+        forms: candidates.
+        combinations: of them.
+        gains: log evidence of each combination.
+    """
+    fixed = [_fixed_part(form) for form in forms]
+    # For each set of names, the gains of the combinations that differ in free shapes only.
+    grouped: dict[Names, dict[Any, list[float]]] = {}
+    for combination, gain in zip(combinations, gains, strict=True):
+        by_fixed_part = grouped.setdefault(_names(forms, combination), {})
+        fixed_part = tuple(fixed[i] for i in combination)
+        by_fixed_part.setdefault(fixed_part, []).append(gain)
+    log_form_priors = {}
+    for names, by_fixed_part in grouped.items():
+        every = list(itertools.chain(*by_fixed_part.values()))
+        best_shapes = [max(values) for values in by_fixed_part.values()]
+        best = max(best_shapes)
+        log_form_priors[names] = LogFormPrior(
+            float(log_mean(every) - best), float(log_mean(best_shapes) - best)
+        )
+    return log_form_priors
+
+
+def _fixed_part(form: Effect) -> tuple[Any, ...]:
+    """Return what refits do not change of a form: its name, and shapes that cannot be free."""
+    values = form.values()
+    shapes = []
+    for item in form.parameters():
+        if not (item.is_size or item.bends):
+            shapes.append(values[item.name])
+    return (form.form, *shapes)

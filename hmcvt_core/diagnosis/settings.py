@@ -1,0 +1,647 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Every threshold, prior and count of the diagnosis, with its source.
+
+"Chosen on development campaigns" means simulated campaigns whose seeds the published blind trial
+does not use; no sensitivity study is published for these values. Parts are fractions; deviations
+are standard deviations of one reading; sizes are in typical sizes of an effect; log evidence is in
+nats. `docs/design-diagnosis.md` lists all of them.
+"""
+
+import math
+
+# --- observations ---------------------------------------------------------------------------
+
+SMALL_CAMPAIGN = 16
+"""Samples below which scatter has no shape to judge by, only a size.
+
+Source: chosen on development campaigns. Below it stated noise gets more weight, no outlier is
+looked for, and the size of the scatter is tested too.
+"""
+
+MOST_SAMPLES = 1000
+"""Most samples of a campaign that are used.
+
+Source: limit of computing time and memory. More samples allow finer regions.
+"""
+
+REPLICATE_TOLERANCE = 0.002
+"""Part of the range of an axis within which points repeat one point.
+
+Source: chosen; a bench never sets a point twice to the last digit. A larger part takes neighbouring
+points for repeats and so a gap between them for noise.
+"""
+
+REPLICATES_NEEDED = 5
+"""Degrees of freedom of repeated points from which they state the noise.
+
+Source: chosen on development campaigns. With fewer the assumed noise is used.
+"""
+
+LEAST_REPLICATE_NOISE = 1e-5
+"""Part of the largest reading below which agreement of repeats is a copy, not a measurement.
+
+Source: chosen; readings that agree better than any bench are copied, or placeholders in a plan.
+"""
+
+SMOOTH_DEGREE = 3
+"""Total degree of the polynomials that count as smooth over a campaign.
+
+Source: chosen on development campaigns. A higher degree lets smooth discrepancies follow narrow
+gaps.
+"""
+
+PRIOR_DOF_STATED = 8.0
+"""Prior degrees of freedom of a stated noise: how many samples the statement is worth.
+
+Source: chosen on development campaigns. More makes a wrong statement harder to correct.
+"""
+
+PRIOR_DOF_ASSUMED = 1.0
+"""Prior degrees of freedom of an assumed noise.
+
+Source: one sample, so that the data decide.
+"""
+
+PRIOR_DOF_STATED_SMALL = 30.0
+"""Least prior degrees of freedom of a stated noise in a campaign below `SMALL_CAMPAIGN`.
+
+Source: chosen on development campaigns; so few samples cannot correct a statement.
+"""
+
+PRIOR_DOF_ASSUMED_SMALL = 3.0
+"""Least prior degrees of freedom of an assumed noise in a campaign below `SMALL_CAMPAIGN`.
+
+Source: chosen on development campaigns: a bench twice as noisy as assumed raises no alarm by the
+size of its scatter, one six times as noisy does.
+"""
+
+# --- preparation ----------------------------------------------------------------------------
+
+LEAST_SAMPLES = 5
+"""Samples below which no diagnosis is made.
+
+Source: chosen. A system with more base parameters needs one sample more than it has of them.
+"""
+
+MOST_WITHOUT_ANSWER = 0.25
+"""Part of the samples without an answer of the model above which a campaign is refused.
+
+Source: chosen; so many point to wrong units or to another machine.
+"""
+
+NAMED_SAMPLES = 3
+"""Samples that a note describes one by one.
+
+Source: length of a sentence.
+"""
+
+THINNING_REFINEMENT = 1.05
+"""Ratio of the resolutions of successive lattices when a campaign is thinned.
+
+Source: chosen. A smaller ratio spreads the kept samples more evenly and takes longer.
+"""
+
+THINNING_FINEST = 250.0
+"""Cells along an axis of the finest lattice when a campaign is thinned.
+
+Source: limit of computing time.
+"""
+
+OUTLIER_NEIGHBOURS = 6
+"""Nearest neighbours with whose residuals that of a sample is compared.
+
+Source: chosen on development campaigns. More of them make narrow gaps look like outliers.
+"""
+
+OUTLIER_DISTANCE = 5.0
+"""Robust deviations from its neighbours above which a sample is an outlier.
+
+Source: chosen on development campaigns. Fewer leave out sound samples.
+"""
+
+OUTLIER_RATIO = 10.0
+"""Ratio to the largest usual distance above which a sample is an outlier where many lie far off.
+
+Source: chosen on development campaigns; one gross slip bends the fit at other samples.
+"""
+
+OUTLIER_LEAST_SCALE = 0.01
+"""Least scale of the distance from neighbours, in deviations.
+
+Source: chosen; neither a refit nor a bench comes nearer.
+"""
+
+OUTLIER_MOST_PART = 0.03
+"""Part of the samples above which outliers are a narrow gap instead.
+
+Source: chosen on development campaigns.
+"""
+
+OUTLIER_CLUSTER_P = 0.01
+"""p value below which outliers of a large campaign lie together, as a gap does.
+
+Source: chosen; Kolmogorov-Smirnov test along each axis.
+"""
+
+MAD_TO_DEVIATION = 1.4826
+"""Standard deviation of a normal variable divided by its median absolute deviation.
+
+Source: quantile of the normal distribution.
+"""
+
+UNEVEN_NOISE_ROUNDS = 5
+"""Most refits of the variance function of a channel.
+
+Source: chosen on development campaigns.
+"""
+
+UNEVEN_NOISE_POINTS = 2.0
+"""Distinct points for each function projected out from which a variance function is fitted.
+
+Source: chosen on development campaigns.
+"""
+
+# --- fitting --------------------------------------------------------------------------------
+
+NO_ANSWER = 100.0
+"""Deviations charged for each reading that a hypothesis cannot predict.
+
+Source: more than any misfit; otherwise a refit to a large gap drops its worst points.
+"""
+
+SIGNATURE_SIZE = 0.1
+"""Size at which the signature of an effect is taken.
+
+Source: chosen; a refit leaves little of an effect, so the slope at a small size counts.
+"""
+
+INVISIBLE_SIGNATURE = 1e-3
+"""Deviations below which an effect of typical size is invisible in every channel.
+
+Source: chosen; such an effect has no channel to show in.
+"""
+
+REFIT_STEPS = 60
+"""Most steps of a refit.
+
+Source: chosen as a guard against endless iteration.
+"""
+
+ROUGH_REFIT_STEPS = 6
+"""Most steps of a rough refit of a candidate.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+STEP_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01)
+"""Parts of a Gauss-Newton step that the line search tries, in order.
+
+Source: chosen on development campaigns.
+"""
+
+NEGLIGIBLE_STEP = 0.3
+"""Deviations: a step that changes less, or gains less than its square, is not made.
+
+Source: chosen; its square is 0.09, or 0.045 nats.
+"""
+
+BASE_DIFFERENCE = 1e-5
+"""Step of finite differences by base parameters, in scaled variables.
+
+Source: chosen, between rounding and curvature.
+"""
+
+SIZE_DIFFERENCE = 1e-3
+"""Step of finite differences by sizes and shapes.
+
+Source: chosen, between rounding and curvature.
+"""
+
+AUXILIARY_VARIANCE_RATIO = 9.0
+"""Least variance of auxiliary channels in the served fit, in units of their noise variance.
+
+Source: three deviations. More makes the served channels fit better at the cost of the others.
+"""
+
+SHAPE_PRIOR_MEAN = 0.5
+"""Prior mean of a free shape, as a part of its range.
+
+Source: the middle of the range.
+"""
+
+SHAPE_PRIOR_SPREAD = (2.0 * math.pi) ** -0.5
+"""Prior deviation of a free shape, as a part of its range.
+
+Source: the normal prior then has the density of the uniform one at its mean.
+"""
+
+NOISE_ROUNDS = 8
+"""Most rounds of the fixed point of the noise variances.
+
+Source: chosen as a guard against endless iteration.
+"""
+
+NOISE_TOLERANCE = 2e-3
+"""Relative change of the noise variances at which their fixed point has converged.
+
+Source: chosen; the evidence is stationary in the noise, so its error is of second order.
+"""
+
+FOLDS = 12
+"""Folds of a cross-validation.
+
+Source: chosen; the usual range is 5 to 20.
+"""
+
+FOLD_ASSIGNMENTS = 8
+"""Random assignments of samples to folds that are averaged.
+
+Source: chosen; one assignment is chance.
+"""
+
+# --- detection ------------------------------------------------------------------------------
+
+GAP_SIGNIFICANCE = 0.02
+"""p value up to which a gap counts.
+
+Source: chosen; chance alone shows as much in one campaign of fifty.
+"""
+
+REGION_SIGNIFICANCE = 0.05
+"""Family-wise p value up to which a region is significant by itself.
+
+Source: convention.
+"""
+
+NULL_CAMPAIGNS = 999
+"""Simulated campaigns without a gap.
+
+Source: resolves p values of a thousandth.
+"""
+
+NULL_BATCH = 64
+"""Simulated campaigns that are handled at once.
+
+Source: limit of memory. No effect on results.
+"""
+
+REGION_SAMPLES = 4
+"""Least samples of a region in a campaign of 32 and more.
+
+Source: chosen on development campaigns.
+"""
+
+SAMPLES_PER_REGION_SAMPLE = 8
+"""Samples of a smaller campaign for each sample that a region needs.
+
+Source: continues `REGION_SAMPLES` below 32 samples.
+"""
+
+BAND_EDGES = 21
+"""Most inner edges of bands along one axis.
+
+Source: limit of computing time. More give narrower regions.
+"""
+
+CORNER_EDGES = 6
+"""Most inner edges along each axis of boxes over several axes.
+
+Source: limit of computing time.
+"""
+
+ABSORBED_PART = 1e-6
+"""Part of the square of a pattern below which a refit absorbs all of it.
+
+Source: rounding in single precision.
+"""
+
+REGION_GAIN = 0.05
+"""Gain of the F1 score from which a further region is reported.
+
+Source: chosen on development campaigns.
+"""
+
+MOST_REGIONS = 5
+"""Most regions reported.
+
+Source: length of the report.
+"""
+
+# --- discrepancy ----------------------------------------------------------------------------
+
+SIZE_SPREADS = (0.5, 1.5, 5.0)
+"""Prior deviations of a size, in typical sizes; equally likely.
+
+Source: chosen, about a factor of three apart around the typical size.
+"""
+
+SCREENED_SPREAD = 1.5
+"""Prior deviation of the sizes of a refit that the screen adds forms to.
+
+Source: the middle one of `SIZE_SPREADS`.
+"""
+
+FORM_ALLOWANCES = (0.02, 0.07, 0.25)
+"""Prior deviations of the bend of a form, as a part of its signature; equally likely.
+
+Source: about what families of forms in the literature leave of each other, from power laws, which
+agree once their exponents do, to films that break (docs/diagnosis.md).
+"""
+
+FORM_ALLOWANCE_DEGREE = 2
+"""Total degree of the polynomials by which a form may bend.
+
+Source: chosen on development campaigns.
+"""
+
+EXACT_BASE_SPREAD = 1e-6
+"""Prior deviation of the base discrepancy that stands for an exact base model.
+
+Source: small against every reading.
+"""
+
+LEAST_SQUARE_PART = 1e-9
+"""Least value of sums of squares, or part of them, that are divided by.
+
+Source: rounding.
+"""
+
+EXTRA_DISCREPANCY_PART = (0.06, 0.2)
+"""Parts of the squared change by an extra discrepancy: due to inexact forms up to, a cause from.
+
+Source: the square of the largest form allowance, once and with a factor of nearly two along it.
+"""
+
+MISSED_PART = (0.25, 0.75)
+"""Parts of the squared change that a set misses by itself: due to its forms up to, most of it from.
+
+Source: the largest form allowance along three axes makes 0.19; three quarters is nearly all.
+"""
+
+EXPLAINED_BY_SET = (1.0, 0.01)
+"""How far a set explains the gap at the two ends of the ranges above.
+
+Source: chosen.
+"""
+
+# --- search ---------------------------------------------------------------------------------
+
+LEADING_SETS = 4
+"""Sets of each size that are extended by one effect.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+REFITTED_SETS = 6
+"""Sets refitted of each group of proposals.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+PROPOSED_FORMS = 8
+"""Forms that the screen proposes for a set besides the best of each effect.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXCHANGE_ROUNDS = 3
+"""Rounds in which effects of leading sets are exchanged.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXCHANGED_SETS = 2
+"""Leading sets whose effects are exchanged.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXCHANGED_FORMS = 2
+"""Other forms that are tried in place of an effect.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXCHANGED_EFFECTS = 1
+"""Other effects that are tried in place of an effect.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXACT_REFITS = 5
+"""Leading sets that are refitted exactly at the end.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+EXACT_REFIT_MARGIN = 6.0
+"""Log evidence behind the best from which a set is not refitted exactly.
+
+Source: development campaigns; free shapes bring hardly any set 4 nats nearer.
+"""
+
+NEAR_BEST_PART = 0.7
+"""Part of the best gain in log evidence that a candidate has to reach, less `NEAR_BEST_MARGIN`.
+
+Source: chosen on development campaigns. Less keeps more candidates at the cost of time.
+"""
+
+NEAR_BEST_MARGIN = 4.0
+"""Log evidence that a candidate may lie below `NEAR_BEST_PART` of the best gain.
+
+Source: chosen on development campaigns. More keeps more candidates at the cost of time.
+"""
+
+# --- posterior ------------------------------------------------------------------------------
+
+PRIOR_NO_GAP = 0.5
+"""Prior probability of an exact base model and nothing else.
+
+Source: indifference. It changes the advice on the next test; the test for a gap does not use it.
+"""
+
+PRIOR_OF_SET_SIZE = {1: 0.40, 2: 0.15, 3: 0.05}
+"""Prior probability, given a gap, that so many listed effects cause it; sets of a size are alike.
+
+Source: chosen; each further cause is rarer by a factor of about three.
+"""
+
+PRIOR_BASE_DISCREPANCY = 0.30
+"""Prior probability, given a gap, that the base model is a little off and nothing else.
+
+Source: chosen; no model is exact, so it is nearly as likely as a single cause.
+"""
+
+PRIOR_UNLISTED = 0.10
+"""Prior probability, given a gap, of an unlisted cause alone, and of one besides each set.
+
+Source: chosen. More makes the verdict `unexplained` more frequent.
+"""
+
+BOOTSTRAP_CAMPAIGNS = 400
+"""Campaigns drawn from the samples for bagged posteriors.
+
+Source: chosen; the standard error of a probability is then at most 0.025.
+"""
+
+SETS_WITH_DISCREPANCY = 4
+"""Leading sets that also compete with an unlisted discrepancy added.
+
+Source: limit of computing time.
+"""
+
+REVERSED_EFFECTS = 3
+"""Most effects that compete with the sign they cannot have.
+
+Source: limit of computing time.
+"""
+
+RELEVANT_PROBABILITY = 0.01
+"""Probability below which an explanation is left out of predictions.
+
+Source: chosen, for speed.
+"""
+
+# --- verdict and summary --------------------------------------------------------------------
+
+CAUSE_FOUND_PROBABILITY = 0.80
+"""Probability from which one set is a found cause, and that a credible set of effects holds.
+
+Source: chosen. More makes the verdict `ambiguous` more frequent.
+"""
+
+UNEXPLAINED_PROBABILITY = 0.5
+"""Probability of an unlisted cause above which no cause is named.
+
+Source: more likely than not.
+"""
+
+RIVAL_SET_MARGIN = math.log(CAUSE_FOUND_PROBABILITY / (1.0 - CAUSE_FOUND_PROBABILITY))
+"""Log evidence within which a second set of the same size keeps the verdict `ambiguous`.
+
+Source: the log odds of `CAUSE_FOUND_PROBABILITY`.
+"""
+
+SUMMARISED_SETS = 5
+"""Sets whose shrinkage is reported.
+
+Source: limit of computing time.
+"""
+
+SHRINKAGE_DRAWS = 999
+"""Bootstrap draws of the interval of a shrinkage.
+
+Source: chosen, as is usual for a 95 % interval.
+"""
+
+SHRINKAGE_TAIL = 0.025
+"""Probability beyond each end of that interval.
+
+Source: 95 % interval.
+"""
+
+ROUNDING = 1e-9
+"""Probability, or deviation of the first channel, that counts as zero.
+
+Source: rounding.
+"""
+
+# --- design ---------------------------------------------------------------------------------
+
+SETTLED_PROBABILITY = 0.95
+"""Probability at which an explanation is settled and no further test is advised.
+
+Source: convention.
+"""
+
+SETTLED_LOG_ODDS = math.log(SETTLED_PROBABILITY / (1.0 - SETTLED_PROBABILITY))
+"""Log odds of `SETTLED_PROBABILITY`.
+
+Source: follows from it.
+"""
+
+DESIGN_EXPLANATIONS = 8
+"""Most explanations between which tests are chosen.
+
+Source: limit of computing time.
+"""
+
+DESIGN_TESTS = 4
+"""Tests that are chosen at once.
+
+Source: length of the report.
+"""
+
+MANY_TESTS = 100.0
+"""Tests, evenly spread, after which explanations that are still alike cannot be separated by tests.
+
+Source: chosen; a larger campaign is rarely run.
+"""
+
+DESIGN_MAJORITY = 0.5
+"""Probability of explanations above which a property of theirs decides on a test.
+
+Source: more likely than not.
+"""
+
+DECISIVE_SQUARED_DEVIATIONS = 9.0
+"""Squared deviations from which an effect is visible, or distinguishable from another.
+
+Source: three deviations.
+"""
+
+MOST_PLAN_RUNS = 20
+"""Repetitions of a plan up to which a report says how many would show an effect.
+
+Source: chosen; more are rarely run.
+"""
+
+LEAST_GAIN = 1e-9
+"""Information of a test [nats] below which it counts as this.
+
+Source: rounding.
+"""
+
+# --- summary of effects ---------------------------------------------------------------------
+
+LEAST_CAUSE_PROBABILITY = 0.01
+"""Probability from which an effect is reported as a cause.
+
+Source: length of the report.
+"""
+
+MOST_CAUSES = 6
+"""Most causes reported.
+
+Source: length of the report.
+"""
+
+MOST_CAUSES_UNEXPLAINED = 3
+"""Most causes reported where none of them explains the gap.
+
+Source: length of the report.
+"""
+
+INTERVAL_DEVIATIONS = 1.96
+"""Standard errors on either side of a size in its interval.
+
+Source: 95 % interval of a normal variable.
+"""
+
+LARGEST_PLAUSIBLE_SIZE = 5.0
+"""Typical sizes of an effect beyond which a size is reported as implausible.
+
+Source: chosen; the largest of `SIZE_SPREADS`.
+"""
+
+LEAST_SHRINKAGE = -10.0
+"""Smallest fraction removed that is reported; further growth of a gap says nothing more.
+
+Source: chosen; it keeps the ends of intervals finite.
+"""
+
+NOISE_AS_STATED = (0.75, 1.33)
+"""Ratio of estimated to stated noise between which the statement is not commented on.
+
+Source: chosen.
+"""
