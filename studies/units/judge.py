@@ -48,7 +48,7 @@ def judged(samples: UnitSamples) -> dict[str, Any]:
 
 def record(one: UnitDiagnosis) -> dict[str, Any]:
     """What the page says of one diagnosis: errors in L/min and N m, and how much is removed."""
-    found, errors = one.found, {}
+    found, errors = one.diagnosis, {}
     for channel, factor in (("flow", 6e4), ("torque", 1.0)):
         row = {
             name: np.nan if value is None else factor * value
@@ -71,5 +71,5 @@ def tried(
 ) -> tuple[tuple[str, ...], str, tuple[str, ...]]:
     """Diagnose a simulated unit: what it has, the verdict, and which set leads."""
     names, seed = task
-    found = diagnose_unit(simulated(names, seed), deals=False).found
+    found = diagnose_unit(simulated(names, seed), deals=False).diagnosis
     return names, found.verdict, found.sets[0].effects if found.sets else ()

@@ -65,7 +65,7 @@ def test_samples_count_in_the_order_of_their_stamps_and_may_come_in_parts():
     parts = hmcvt.Watch(MODEL, NOISE)
     for i in range(0, 300, 7):
         parts.take(samples.select(np.arange(i, min(i + 7, 300))))
-    assert parts.found == found
+    assert parts.result == found
 
 
 def test_samples_without_an_answer_are_counted_and_left_out():
@@ -91,4 +91,4 @@ def test_a_long_stream_takes_no_more_memory():
     for _ in range(3):
         running.take(part)
     assert len(pickle.dumps(running)) < 1.05 * size
-    assert running.found.samples == 6000
+    assert running.result.samples == 6000

@@ -178,7 +178,7 @@ def test_verdicts():
         sets = tuple(replace(one, probability=p) for p in chances)
         assert (
             f"sets charge pump {told}, something unlisted {words.probability(band.unlisted)} "
-            "causes each"
+            "causes probability over all sets"
         ) in " ".join(replace(doubt, sets=sets).report().split())
     smooth = replace(band, unlisted=0.9, misfit=0.8)
     assert words.mechanic(smooth) == (

@@ -29,11 +29,11 @@ def test_a_pump_is_predicted_beyond_the_pressures_fitted():
     # The goal is 0.35 L/min and 60 %; the dead volume, fitted, misses it in torque (docs/units.md).
     assert flow["holdout_base"] > 0.5 / 6e4 and flow["holdout_with_effects"] < 0.4 / 6e4
     assert removed(found, "flow") > 0.5 and removed(found, "torque") > 0.35
-    assert not found.found.warnings
+    assert not found.diagnosis.warnings
 
 
 @pytest.mark.parametrize("unit", ["S4D", "C7"])
 def test_a_motor_is_predicted_beyond_the_pressures_fitted(unit):
     found = band("motors_s4d_c7.csv", "motor", unit)
-    assert "compressibility" in found.found.sets[0].effects
+    assert "compressibility" in found.diagnosis.sets[0].effects
     assert removed(found, "flow") > 0.6 and removed(found, "torque") > 0.6

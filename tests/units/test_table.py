@@ -93,7 +93,7 @@ def test_rows_without_pressure_tell_no_torque(tmp_path):
     assert efficiencies(SPEED, at)[1][0] == 0.0 and found.torque_loss[0] == 0.0
     assert (
         diagnose_unit(found, deals=False)
-        .found.notes[0]
+        .diagnosis.notes[0]
         .startswith("1 samples below 100000 Pa")
     )
     with pytest.raises(InputError, match="0 of the highest pressure parts no samples"):

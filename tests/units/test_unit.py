@@ -50,7 +50,7 @@ def pump(tmp_path, **hidden):
 
 def test_the_terms_of_the_paper_are_found_again(tmp_path):
     found = diagnose_unit(read_unit(pump(tmp_path), kind="pump"))
-    assert found.found.verdict == "no_gap"
+    assert found.diagnosis.verdict == "no_gap"
     assert found.model.parameters["leakage"] == pytest.approx(LEAKAGE, rel=0.1)
     assert found.model.parameters["damping"] == pytest.approx(DAMPING, rel=0.1)
     assert found.model.friction == pytest.approx(FRICTION, rel=0.1)
@@ -69,13 +69,13 @@ def test_the_terms_of_the_paper_are_found_again(tmp_path):
 )
 def test_a_hidden_effect_of_another_form_leads(names, seed):
     found = diagnose_unit(simulated(names, seed), deals=False)
-    assert found.found.sets[0].effects == names
-    assert found.found.verdict in ("cause_found", "ambiguous")
+    assert found.diagnosis.sets[0].effects == names
+    assert found.diagnosis.verdict in ("cause_found", "ambiguous")
     for row in found.rmse.values():
         assert row["with_effects"] < 1.05 * row["base"]
     if names == ("reference_displacement",):
-        assert found.found.component == "sensor"
-        assert "displacement stated is +" in found.found.warnings[0]
+        assert found.diagnosis.component == "sensor"
+        assert "displacement stated is +" in found.diagnosis.warnings[0]
 
 
 def test_too_good_a_mechanical_efficiency_puts_the_displacement_in_doubt(tmp_path):
@@ -85,10 +85,10 @@ def test_too_good_a_mechanical_efficiency_puts_the_displacement_in_doubt(tmp_pat
         read_unit(pump(tmp_path, torque=4.0 - 0.025 * ideal), kind="pump")
     )
     assert (
-        "in doubt" in found.found.warnings[0]
+        "in doubt" in found.diagnosis.warnings[0]
         and "in doubt" in found.to_dict()["notes"][0]
     )
-    assert found.found.verdict == "unexplained" and found.found.component is None
+    assert found.diagnosis.verdict == "unexplained" and found.diagnosis.component is None
 
 
 def test_what_a_table_holds_out_is_predicted(tmp_path, hmcvt):
@@ -151,7 +151,7 @@ def test_a_leakage_that_falls_as_a_power_of_speed_is_found(tmp_path):
             kind="pump",
         ),
         deals=False,
-    ).found
+    ).diagnosis
     assert (found.causes[0].effect, found.causes[0].form) == (
         "slow_leakage",
         "power of speed",

@@ -45,7 +45,7 @@ def diagnose(
             repeated points, or the paper's 1.12 %, in this order.
         seed: of every random number.
         progress: called with a line of text before each step; may raise to cancel.
-        validation: another name of `holdout`.
+        validation: former name of `holdout`.
 
     Returns:
         The diagnosis; `report()` prints it, `to_dict()` is the object of `hmcvt diagnose --json`.
@@ -54,6 +54,8 @@ def diagnose(
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
             nothing new, or the formulation is another.
     """
+    if holdout is not None and validation is not None:
+        raise InputError("holdout and validation are one argument: give holdout")
     if holdout is None:
         holdout = validation
     stages = list(model.stages)

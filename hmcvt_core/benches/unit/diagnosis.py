@@ -202,11 +202,13 @@ def diagnose_unit(
         deals: whether to repeat the search without each part of the samples.
         seed: of every random number.
         progress: as of `diagnose_system`.
-        validation: another name of `holdout`.
+        validation: former name of `holdout`.
 
     Raises:
         InputError: as `diagnose_system`, or the holdout is of another unit.
     """
+    if holdout is not None and validation is not None:
+        raise InputError("holdout and validation are one argument: give holdout")
     if holdout is None:
         holdout = validation
     if holdout is not None:

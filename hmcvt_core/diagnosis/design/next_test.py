@@ -92,35 +92,44 @@ def advise(posterior: Posterior, possible: Points) -> Advice:
     if design is None:
         measure = "none of the tests can be carried"
         return replace(advice, reason=CANNOT_BE_SETTLED, measure=measure)
-    confused = indistinguishable(
-        design.predictions, [item.label for item in candidates], design.probabilities
-    )
-    if design.probabilities[list(confused)].sum() > DESIGN_MAJORITY:
-        first = min(confused)  # the most probable of them
-        pair = (candidates[first], candidates[confused[first]])
-        measure = _remedy(*pair)
-        if measure is not None:
+    pair = _confused_pair(candidates, design)
+    if pair is not None:
+        one, other = pair
+        measure = _remedy(one, other)
+        if measure:
+            parted = (str(one.label), str(other.label))
             return replace(
-                advice,
-                reason=CANNOT_BE_SETTLED,
-                measure=measure,
-                parted=(str(pair[0].label), str(pair[1].label)),
+                advice, reason=CANNOT_BE_SETTLED, measure=measure, parted=parted
             )
     tests = design.choose([item.label for item in candidates])
     expected = _tests_expected(design.probabilities.max(), tests[0].gain)
     return replace(advice, tests=tests, tests_expected=expected)
 
 
-def _remedy(one: Candidate, other: Candidate) -> str | None:
-    """Return the measurements that settle which of two sets is present, or None."""
+def _confused_pair(
+    candidates: Sequence[Candidate], design: _Design
+) -> tuple[Candidate, Candidate] | None:
+    """Return the most probable set that tests cannot settle, and the one it is confused with.
+
+    None where such sets have less than half of the probability: tests are worth making then.
+    """
+    labels = [item.label for item in candidates]
+    confused = indistinguishable(design.predictions, labels, design.probabilities)
+    if design.probabilities[list(confused)].sum() <= DESIGN_MAJORITY:
+        return None
+    first = min(confused)
+    return candidates[first], candidates[confused[first]]
+
+
+def _remedy(one: Candidate, other: Candidate) -> str:
+    """Return the measurements that settle which of two sets is present; empty if none is known."""
     differing = set(one.explanation.names) ^ set(other.explanation.names)
-    effects = (*one.explanation.fit.effects, *other.explanation.fit.effects)
-    remedies = [
-        effect.remedy
-        for effect in effects
-        if effect.remedy and effect.name in differing
-    ]
-    return "; or ".join(dict.fromkeys(remedies)) or None
+    remedies: list[str] = []
+    for effect in (*one.explanation.fit.effects, *other.explanation.fit.effects):
+        known = effect.remedy in remedies
+        if effect.name in differing and effect.remedy and not known:
+            remedies.append(effect.remedy)
+    return "; or ".join(remedies)
 
 
 def _tests_expected(probability: float, gain: float) -> int:

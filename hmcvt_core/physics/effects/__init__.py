@@ -48,7 +48,7 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
     """Return every effect class known, sorted by name and form; with `units` those of units too.
 
     Classes without a size, and subclasses that define neither a name nor a form, are left out. A
-    class that is defined again, as when a cell of a notebook is run twice, replaces the earlier one.
+    class that is defined again, as when a notebook cell is run twice, replaces the earlier one.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
