@@ -92,7 +92,7 @@ mutants: $(VENV)/.mutants
 
 docs: $(BIN)/python
 	@$(LOCKED) --editable '.[docs]'
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # For all Pythons from 3.10 on at once. Without setuptools: `make colcon` needs an old one.
 lock: $(BIN)/python
@@ -153,7 +153,7 @@ $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py constraints.txt
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(LOCKED) --editable '.[ros,report,bag,table,compare,fleet,test,dev]'
+	@$(LOCKED) --editable '.[ros,report,bag,table,compare,fleet,docs,test,dev]'
 	@touch $@
 
 $(VENV)/.mutants: $(VENV)/.dev

@@ -1,13 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""From a recorded bag to a diagnosis, for the test engineer. ROS is not needed.
+"""Go from a recorded bag to a diagnosis; ROS is not needed.
 
     python examples/bag_to_diagnosis.py                     # a demonstration
     python examples/bag_to_diagnosis.py run1 --out result   # your own rosbag2
 
-The bag holds `bench_sample` (docs/import-bag.md). Four steps: the steady parts of the bag become
-bench samples, the parameters are identified from them, the gap between model and bench is
-diagnosed, the report page is written. Without a bag one is made from data/simulated.csv: a bench
-that holds each of its 96 tests for seven seconds. Needs rosbags: pip install '.[bag]'.
+The bag holds `bench_sample` (docs/import-bag.md). The script turns the steady parts of the bag into
+bench samples, identifies the parameters, diagnoses the gap between model and bench, and writes the
+report page. Without a bag, it makes one from data/simulated.csv: a bench that holds each of the 96
+tests for seven seconds. It needs rosbags: pip install '.[bag]'.
 """
 
 import argparse
@@ -21,15 +21,16 @@ import hmcvt_core as hmcvt
 from hmcvt_core.report import write_html
 from hmcvt_ros.bag import ImportSettings, import_bag
 
-RATE, HOLD = 10.0, 7.0  # messages a second, seconds at each test
-SCATTER = 0.001  # of every reading, a fraction
+RATE = 10.0  # messages per second
+HOLD = 7.0  # seconds at each test
+SCATTER = 0.001  # of every reading
 START = 1_700_000_000  # s
 NANOSECONDS = 1_000_000_000
 SHAFTS = "sensor_msgs/msg/JointState"
 
 
 def demo_bag(path: Path) -> Path:
-    """Record the simulated campaign as its bench would have."""
+    """Record the simulated campaign as a bench would."""
     samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     power = samples.load_torque * samples.engine_speed
     held = np.column_stack(
@@ -43,11 +44,11 @@ def demo_bag(path: Path) -> Path:
     rows = np.repeat(held, round(HOLD * RATE), axis=0)
     rows *= 1.0 + SCATTER * np.random.default_rng(0).standard_normal(rows.shape)
     strokes = np.repeat(samples.displacement_ratio, round(HOLD * RATE))
-    types, nan = get_typestore(Stores.ROS2_JAZZY), np.nan
-    stamp, header, joints = (
-        types.types[name]
-        for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", SHAFTS)
-    )
+    types = get_typestore(Stores.ROS2_JAZZY)
+    stamp = types.types["builtin_interfaces/msg/Time"]
+    header = types.types["std_msgs/msg/Header"]
+    joints = types.types[SHAFTS]
+    nan = np.nan
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         topic = bag.add_connection("/bench_sample", SHAFTS, typestore=types)
         for i, (row, stroke) in enumerate(zip(rows, strokes, strict=True)):
@@ -79,7 +80,7 @@ def main() -> None:
         "--noise",
         type=float,
         default=0.004,
-        help="by which a repeated test differs, a fraction of efficiency (0.004)",
+        help="standard deviation of a repeated test, a fraction of efficiency (0.004)",
     )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -106,11 +107,11 @@ def run(bag: Path, out: Path, noise: float) -> None:
     print(f"   mean error {100 * fit.fit_error:.2f} % on {len(samples)} samples")
 
     print("\n3. diagnosis")
-    # The scatter within a window knows nothing of what differs from test to test: state that.
-    found = hmcvt.diagnose(fit.model, samples, noise=noise)
-    print(found.report().partition("\nnext tests")[0])
+    # The scatter within a window does not contain the scatter between tests: state the latter.
+    diagnosis = hmcvt.diagnose(fit.model, samples, noise=noise)
+    print(diagnosis.report().partition("\nnext tests")[0])
 
-    write_html(found, out / "report.html")
+    write_html(diagnosis, out / "report.html")
     print(f"\n4. samples.csv, model.yaml and report.html are in {out}")
 
 

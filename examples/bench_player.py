@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A client of the node: holds operating points on the inputs, sends bench samples, calls services.
+"""A client of the node: publishes inputs and bench samples, and calls services.
 
-For the demonstration and the tests; also the shortest example of how to talk to the node.
+It serves the demonstration and the tests, and as a short example of a client.
 """
 
 import json
@@ -29,7 +29,7 @@ ROUND = 0.05
 
 
 class Answer(NamedTuple):
-    """What the node answered last; None where it was silent."""
+    """The last answer of the node; None where it was silent."""
 
     efficiency: float | None
     optimal_displacement_ratio: float | None
@@ -80,7 +80,7 @@ def bench_sample_to_message(
 
 
 class BenchPlayer(Node):
-    """Talks to a node `hmcvt` in the same namespace.
+    """Client of a node `hmcvt` in the same namespace.
 
     Attributes:
         efficiencies, optima: values received since the last `hold`.
@@ -120,7 +120,7 @@ class BenchPlayer(Node):
                 qos.OUTPUT,
             ),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS),
-            # Last: what arrives on them tells that the node knows the subscriptions before.
+            # Last: their messages show that the node knows the earlier subscriptions.
             (
                 String,
                 "hmcvt/model",
@@ -168,7 +168,7 @@ class BenchPlayer(Node):
     def wait_for_node(
         self, timeout: float = 20.0, running: Callable[[], bool] = lambda: True
     ) -> bool:
-        """Wait until all is connected and the latched messages are here, as long as it may come."""
+        """Wait until everything is connected and the latched messages have arrived."""
 
         def connected() -> bool:
             return (
@@ -197,9 +197,9 @@ class BenchPlayer(Node):
     ) -> Answer:
         """Send the three inputs some rounds, as a bench would, and return the last answer.
 
-        `patience` is how much longer to go on where there is no answer [s].
+        `patience` is how much longer to wait for an answer [s].
         """
-        # In a round before the first the node meets mixtures of this point and the one before.
+        # In its first round the node sees mixtures of this point and the previous one.
         self.send_inputs(point)
         self._settle()
         self.efficiencies.clear()

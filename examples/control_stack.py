@@ -1,16 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A control stack that uses the node, for the ROS integrator.
+"""A control stack that uses the node.
 
     hmcvt-node                                                # in one terminal
     python examples/control_stack.py --seconds 10 --pretend   # in another
 
-The node says which displacement ratio is best at the engine speed as it is. Better is to choose
-the engine speed too: among all pairs of engine speed and displacement ratio that give the same
-ground speed and power, one wastes least. This program finds it with `hmcvt_core`, from the very
-model that the node serves and latches on `~/model`, so that a refit of the node reaches it at once.
-It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `displacement` [-].
-`--pretend` is the tractor too: it publishes the inputs of the node and follows the command at once.
-`examples/field_cycle_ros.py` drives over a field cycle so, stages included.
+The node answers with the best displacement ratio at the present engine speed. Choosing the engine
+speed as well is better: among all pairs of engine speed and displacement ratio with the same
+ground speed and power, one has the least loss. This program finds it with `hmcvt_core`, from the
+model that the node serves and latches on `~/model`, so that a refit of the node takes effect at
+once. It sends `cvt_command`: velocity of joint `engine` [rad/s], position of joint `displacement`
+[-]. With `--pretend`, it also simulates the tractor: it publishes the inputs of the node and
+follows the command at once. `examples/field_cycle_ros.py` drives a field cycle in this way, stages
+included.
 """
 
 import argparse
@@ -38,7 +39,7 @@ START = {"displacement_ratio": -0.8, "engine_speed": 209.4, "load_torque": 200.0
 
 
 class ControlStack(Node):
-    """Looks for the pair that wastes least at the ground speed and power of now."""
+    """Finds the pair with the least loss at the present ground speed and power."""
 
     def __init__(self, namespace: str = "", pretend: bool = False) -> None:
         super().__init__("control_stack", namespace=namespace)
@@ -65,7 +66,7 @@ class ControlStack(Node):
         profile: QoSProfile,
         kind: Any = Float64,
     ) -> None:
-        """Hold on to the last value of some topics."""
+        """Keep the last value of some topics."""
         for name in names:
             self.create_subscription(
                 kind, name, lambda m, name=name: values.update({name: m.data}), profile
@@ -91,10 +92,8 @@ class ControlStack(Node):
         except hmcvt.InputError as error:  # out of range: keep the last command
             self.get_logger().warning(str(error), throttle_duration_sec=5.0)
             return
-        if math.isnan(
-            best.efficiency
-        ):  # this speed and power cannot be held: keep it too
-            return
+        if math.isnan(best.efficiency):
+            return  # no pair holds this speed and power: keep the last command
         self.command = best
         self._commands.publish(
             JointState(
@@ -107,13 +106,13 @@ class ControlStack(Node):
         self.state.update((name, float(getattr(best, name))) for name in self._senders)
 
     def publish(self) -> None:
-        """Say where the pretended tractor is."""
+        """Publish the operating point of the simulated tractor."""
         for name, sender in self._senders.items():
             sender.publish(Float64(data=float(self.state[name])))
 
 
 def main() -> None:
-    """Run for a while, then tell."""
+    """Run for a while, then print the last command."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -121,20 +120,19 @@ def main() -> None:
         "--seconds", type=float, default=10.0, help="how long to run (10)"
     )
     parser.add_argument("--namespace", default="", help="of the node and its topics")
-    parser.add_argument("--pretend", action="store_true", help="be the tractor as well")
-    options = parser.parse_args()
-    asked: list[
-        int
-    ] = []  # to end; the handler of rclpy would do it in the midst of a step
-    signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node, executor = (
-        ControlStack(options.namespace, options.pretend),
-        SingleThreadedExecutor(),
+    parser.add_argument(
+        "--pretend", action="store_true", help="simulate the tractor as well"
     )
+    options = parser.parse_args()
+    # rclpy would end the program in the middle of a step.
+    interrupts: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: interrupts.append(number))
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = ControlStack(options.namespace, options.pretend)
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
     end = time.monotonic() + options.seconds
-    while time.monotonic() < end and not asked:
+    while time.monotonic() < end and not interrupts:
         executor.spin_once(timeout_sec=PERIOD)
     executor.shutdown()
     node.destroy_node()

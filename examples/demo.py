@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A real node, the bench tests of the paper, a refit (`make demo`).
+"""Show a node that serves the bench tests of the paper and refits itself (`make demo`).
 
-The node runs as a process of its own and is reached over DDS on the loopback interface, as a
-tractor's control stack would reach it over its network.
+The node runs as a separate process and is reached over DDS on the loopback interface, as a
+tractor's control stack reaches it over its network.
 
     python examples/demo.py
 """
@@ -23,25 +23,24 @@ import hmcvt_core as hmcvt
 from hmcvt_ros.inputs import OperatingPoint
 
 MODEL_FILE = "params/paper.yaml"
-FITTED, HELD_BACK = (
-    (1, 2, 4, 5, 6),
-    (3, 7, 8),
-)  # tests of Table 2, split as in section 4.2
+# Tests of Table 2, split as in section 4.2.
+FITTED = (1, 2, 4, 5, 6)
+HELD_BACK = (3, 7, 8)
 
 
 def story(player: BenchPlayer) -> int:
-    """Serve, refit, serve again; 0 when the refit made the node better."""
+    """Serve, refit, serve again; return 0 when the refit improved the node."""
     samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
     print(f"""
 hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it on ROS 2.
 
-1. The node runs as a process of its own (ROS domain {os.environ["ROS_DOMAIN_ID"]}, loopback only).
+1. The node runs as a separate process (ROS domain {os.environ["ROS_DOMAIN_ID"]}, loopback only).
    It starts from {MODEL_FILE}, the hydraulic parameters printed in the paper, which were not
-   identified with this model and fit its bench tests badly.
+   identified with this model and fit the bench tests badly.
 
 2. The eight bench tests of the paper (Table 2) are played through the topics engine_speed,
    load_torque and displacement_ratio; the node answers on efficiency and
-   optimal_displacement_ratio: the one that wastes least at the same engine speed and load.
+   optimal_displacement_ratio, the one with the least loss at the same engine speed and load.
 """)
     before = play(player, samples)
     print(f"""
@@ -50,7 +49,7 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
 """)
     refit(player, samples)
     print(
-        "\n4. The same eight tests again; the node swapped its model without a restart.\n"
+        "\n4. The same eight tests again; the node replaced its model without a restart.\n"
     )
     after = play(player, samples)
     print("\n5. Mean |predicted - measured| / measured:\n")
@@ -101,7 +100,7 @@ def play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[float]:
 
 
 def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
-    """Send the tests to fit, and have the node refit itself."""
+    """Send the tests to fit, and call the refit."""
     for test in FITTED:
         player.send_sample(bench_message(samples, test - 1))
     if not player.wait_for_logged(len(FITTED)):
@@ -110,8 +109,8 @@ def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
     if not success:
         raise RuntimeError(f"~/reidentify: {result['error']}")
     print(
-        f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a process "
-        "of its own:"
+        f"   refitted to {result['samples']} samples in {result['seconds']:.1f} s, in a "
+        "separate process:"
     )
     for name, entry in result["parameters"].items():
         spread = (
@@ -123,7 +122,7 @@ def refit(player: BenchPlayer, samples: hmcvt.BenchSamples) -> None:
 
 
 def main(folder: Path) -> int:
-    """Run a node that nothing outlives, and tell the story with it."""
+    """Run the node, show the story, and end the node in any case."""
     sys.stdout.reconfigure(line_buffering=True)  # also into a pipe
     for number in (
         signal.SIGINT,

@@ -1,17 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A virtual tractor over a field cycle: fuel by the optimum and by an engine-only rule.
+"""Compare the fuel of a field cycle: drive-line optimum against an engine-only rule.
 
     python examples/field_cycle.py
 
-Both choose stage and engine speed for each part of the cycle; the displacement ratio then follows
-from the ground speed. The optimum asks the model of the whole drive line. The rule knows the engine
-alone: it takes the transmission to pass 80 % everywhere, goes to the engine speed of least fuel for
-that power, and takes the stage that needs least stroke there.
+Both choose stage and engine speed for each part of the cycle; the displacement ratio follows from
+the ground speed. The optimum uses the model of the whole drive line. The rule knows the engine
+only: it assumes that the transmission passes 80 % everywhere, chooses the engine speed of least
+fuel for that power, and the stage with the least stroke at that speed.
 
-The tractor is not the model: its leakage and dampings are drawn from what the identification leaves
-open (params/hm4.yaml), twenty times; where one cannot hold what is asked, the engine speeds up.
-Stages H0 to HM3 are a reading of the paper, engine and cycle are made up: what comes out is an
-example of the method, not a promise.
+The tractor differs from the model: its leakage and dampings are drawn twenty times from the
+uncertainty of the identification (params/hm4.yaml). Where a tractor cannot hold a demand, its
+engine speeds up. Stages H0 to HM3 are a reading of the paper; engine and cycle are invented. The
+result illustrates the method and is no promise.
 """
 
 import contextlib
@@ -24,11 +24,12 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.model.agreement import operating_point
 
-TYRE_RADIUS, FINAL_DRIVE = 0.85, 21.0  # m, -
-ASSUMED = 0.8  # of the transmission, by the rule
-RESERVE = 0.05
+TYRE_RADIUS = 0.85  # m
+FINAL_DRIVE = 21.0
+ASSUMED_EFFICIENCY = 0.8  # of the transmission, by the rule
+TORQUE_RESERVE = 0.05
 DRAWS = 20
-CYCLE = (  # what, s, km/h, kW at the output
+CYCLE = (  # part, s, km/h, kW at the output
     ("ploughing", 600.0, 8.0, 65.0),
     ("headland", 90.0, 5.0, 12.0),
     ("sowing", 400.0, 12.0, 45.0),
@@ -47,7 +48,7 @@ def fuel(
     output_speed: float,
     power: float,
 ) -> float:
-    """Fuel at a choice [kg/s]; NaN where the tractor cannot hold the demand so."""
+    """Return the fuel rate at a choice [kg/s]; NaN where it cannot hold the demand."""
     stage = model.stages[choice[0]]
     try:
         stroke, load = operating_point(
@@ -66,12 +67,13 @@ def driven(
     output_speed: float,
     power: float,
 ) -> float:
-    """Fuel at a choice, or at the next higher engine speed that holds the demand [kg/s]."""
-    rates = (
-        fuel(model, engine, (choice[0], speed), output_speed, power)
-        for speed in np.arange(choice[1], engine.speed[-1], 2.0).tolist()
-    )
-    return next((rate for rate in rates if math.isfinite(rate)), math.nan)
+    """Return the fuel rate at the choice, or at the next engine speed that holds the demand."""
+    stage, slowest = choice
+    for speed in np.arange(slowest, engine.speed[-1], 2.0).tolist():
+        rate = fuel(model, engine, (stage, speed), output_speed, power)
+        if math.isfinite(rate):
+            return rate
+    return math.nan
 
 
 def by_rule(
@@ -80,50 +82,44 @@ def by_rule(
     output_speed: float,
     power: float,
 ) -> Choice:
-    """Engine speed of least fuel for the power, by the engine alone; the stage of least stroke."""
+    """Return the engine speed of least fuel by the engine alone, and the stage of least stroke."""
     speeds = np.linspace(engine.speed[0], engine.speed[-1], 200)
-    torque = power / ASSUMED / speeds
+    torque = power / ASSUMED_EFFICIENCY / speeds
     rates = engine.fuel_rate(speeds, torque)
-    rates[torque > (1.0 - RESERVE) * engine.full_load_torque(speeds)] = np.nan
-    for at in np.argsort(rates):  # NaN comes last
-        strokes = {}
-        for name, stage in model.stages.items():
-            with contextlib.suppress(hmcvt.InputError):
-                strokes[name] = abs(
-                    operating_point(
-                        stage,
-                        float(speeds[at]),
-                        {"output_speed": output_speed, "output_power": power},
-                    )[0]
-                )
-        feasible = [
-            name
-            for name in sorted(strokes, key=strokes.__getitem__)
-            if math.isfinite(
-                fuel(model, engine, (name, float(speeds[at])), output_speed, power)
-            )
-        ]
-        if feasible:
-            return feasible[0], float(speeds[at])
+    rates[torque > (1.0 - TORQUE_RESERVE) * engine.full_load_torque(speeds)] = np.nan
+    for speed in speeds[np.argsort(rates)].tolist():  # NaN comes last
+        for name in stages_by_stroke(model, speed, output_speed, power):
+            if math.isfinite(fuel(model, engine, (name, speed), output_speed, power)):
+                return name, speed
     raise SystemExit(f"no stage holds {output_speed:.0f} rad/s at {power / 1e3:.0f} kW")
 
 
+def stages_by_stroke(
+    model: hmcvt.EfficiencyModel, speed: float, output_speed: float, power: float
+) -> list[str]:
+    """Return the stages that reach the demand at an engine speed, least stroke first."""
+    demand = {"output_speed": output_speed, "output_power": power}
+    strokes = {}
+    for name, stage in model.stages.items():
+        with contextlib.suppress(hmcvt.InputError):
+            stroke, _ = operating_point(stage, speed, demand)
+            strokes[name] = abs(stroke)
+    return sorted(strokes, key=strokes.__getitem__)
+
+
 def drawn(model: hmcvt.EfficiencyModel, seed: int) -> list[hmcvt.EfficiencyModel]:
-    """The model with parameters drawn from their covariance, as far as these are possible."""
+    """Return the model with parameters drawn from their covariance, positive ones only."""
     known = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    errors, rng = (
-        np.array(list(known.standard_errors.values())),
-        np.random.default_rng(seed),
-    )
+    errors = np.array(list(known.standard_errors.values()))
     spread = np.linalg.cholesky(known.correlation)
-    found: list[hmcvt.EfficiencyModel] = []
-    while len(found) < DRAWS:
+    rng = np.random.default_rng(seed)
+    tractors: list[hmcvt.EfficiencyModel] = []
+    while len(tractors) < DRAWS:
         values = known.parameters.to_array() + errors * (spread @ rng.normal(size=3))
         if (values > 1e-13).all():
-            found.append(
-                replace(model, parameters=hmcvt.HydraulicParameters(*values.tolist()))
-            )
-    return found
+            parameters = hmcvt.HydraulicParameters(*values.tolist())
+            tractors.append(replace(model, parameters=parameters))
+    return tractors
 
 
 def compare(
@@ -144,11 +140,11 @@ def compare(
             ]
         )
         used += seconds * rates
-        told = "   ".join(
+        shown = "   ".join(
             f"{stage:>3} {speed * 30 / math.pi:5.0f} r/min" for stage, speed in choices
         )
         print(
-            f"{name:<13} {speed:4.0f} {kilowatts:4.0f}   {told}   "
+            f"{name:<13} {speed:4.0f} {kilowatts:4.0f}   {shown}   "
             + " ".join(f"{1e3 * rate:.2f}" for rate in rates[:, 0])
         )
     saved, *others = (100.0 * (1.0 - used[0] / used[1])).tolist()
@@ -156,10 +152,11 @@ def compare(
         f"cycle: {used[0][0]:.2f} kg by the optimum, {used[1][0]:.2f} kg by the rule: "
         f"{saved:.1f} % less on the model itself"
     )
-    if held := [each for each in others if math.isfinite(each)]:
-        low, middle, high = np.quantile(held, (0.05, 0.5, 0.95))
+    finite = [saving for saving in others if math.isfinite(saving)]
+    if finite:
+        low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95))
         print(
-            f"on {len(held)} of {len(others)} drawn tractors, which can drive it at all: "
+            f"on {len(finite)} of {len(others)} drawn tractors, which can drive it at all: "
             f"{middle:.1f} % less (median), 90 % of them {low:.1f} to {high:.1f} %"
         )
 
@@ -173,14 +170,14 @@ def files() -> tuple[hmcvt.EfficiencyModel, hmcvt.Engine]:
 
 
 def main() -> None:
-    """Compare, on tractors that may be too."""
+    """Compare both choices on the model and on the drawn tractors."""
     model, engine = files()
 
     def best(output_speed: float, power: float) -> Choice:
-        found = model.optimal_drive(
-            output_speed, power, engine=engine, torque_reserve=RESERVE
+        optimum = model.optimal_drive(
+            output_speed, power, engine=engine, torque_reserve=TORQUE_RESERVE
         )
-        return str(found.stage), found.engine_speed
+        return str(optimum.stage), optimum.engine_speed
 
     compare([model, *drawn(model, seed=0)], engine, best)
 

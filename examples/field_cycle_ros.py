@@ -1,12 +1,12 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""The field cycle of field_cycle.py, driven by what the node says of stage and engine speed.
+r"""Drive the cycle of field_cycle.py by the stage and engine speed that the node recommends.
 
     hmcvt-node --ros-args -p model_file:=params/tractor.yaml \
         -p engine_file:=params/engine.yaml -p optimum_hold:=output_speed   # in one terminal
     python examples/field_cycle_ros.py                                     # in another
 
-The tractor begins each part of the cycle as the rule of the engine alone drives it, tells the node
-where it is, and changes to the stage and the engine speed of the answer. Compared is the fuel.
+The tractor begins each part of the cycle by the engine-only rule, publishes its operating point,
+and changes to the stage and engine speed of the answer. The script compares the fuel.
 """
 
 import argparse
@@ -20,11 +20,12 @@ from std_msgs.msg import String
 from hmcvt_core.model.agreement import operating_point
 from hmcvt_ros import qos
 
-SETTLING, PATIENCE = 1.0, 10.0  # s
+SETTLING = 1.0  # s
+PATIENCE = 10.0  # s
 
 
 class FieldCycle(ControlStack):
-    """A pretended tractor that asks the node, and has the model only to be the tractor."""
+    """A simulated tractor that follows the node."""
 
     def __init__(self, namespace: str) -> None:
         super().__init__(namespace, pretend=True)
@@ -36,8 +37,12 @@ class FieldCycle(ControlStack):
     def _step(self) -> None:
         self.publish()
 
+    def answered(self) -> bool:
+        """Whether the node has recommended a stage and an engine speed."""
+        return {"optimal_engine_speed", "optimal_stage"} <= self.heard.keys()
+
     def choice(self, output_speed: float, power: float) -> field_cycle.Choice:
-        """Stage and engine speed that the node says for an output speed and power."""
+        """Return stage and engine speed that the node recommends for a demand."""
         stage, speed = field_cycle.by_rule(
             self.tractor, self.engine, output_speed, power
         )
@@ -50,19 +55,16 @@ class FieldCycle(ControlStack):
             displacement_ratio=stroke, engine_speed=speed, load_torque=load
         )
         self._stage.publish(String(data=stage))
-        end, wanted = (
-            time.monotonic() + SETTLING,
-            {"optimal_engine_speed", "optimal_stage"},
-        )
-        while (now := time.monotonic()) < end or (
-            not wanted <= self.heard.keys() and now < end + PATIENCE
-        ):
+        settled = time.monotonic() + SETTLING
+        while time.monotonic() < settled:
             rclpy.spin_once(self, timeout_sec=PERIOD)
-        if not wanted <= self.heard.keys():
+        while not self.answered() and time.monotonic() < settled + PATIENCE:
+            rclpy.spin_once(self, timeout_sec=PERIOD)
+        if not self.answered():
             raise SystemExit(
                 "no answer: does a node run, with all stages and the engine?"
             )
-        # The last answer is that of the inputs as they stand.
+        # The last answer belongs to the present inputs.
         return self.heard["optimal_stage"], self.heard["optimal_engine_speed"]
 
 

@@ -1,14 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Make the bench logs of a fleet of simulated transmissions, to try `hmcvt fleet` on.
+"""Simulate the bench logs of a fleet of transmissions, to try `hmcvt fleet`.
 
     python examples/make_fleet.py fleet --logs 40
     hmcvt fleet fleet/logs --out fleet/fitted
 
-Run from a clone. Every transmission is a plant of `studies.blind`, whose physics are written apart
-from the model that is fitted. Leakage and dampings scatter by 5 % around one design. The last of
-every ten transmissions is worn (its leakage is half as much again), the third of every five has an
-effect that the fitted model does not know. Logs go to FOLDER/logs; FOLDER/hidden.json tells what is
-in them.
+Run it from a clone. Every transmission is a plant of `studies.blind`, whose physics are written
+separately from the fitted model. Leakage and dampings scatter by 5 % around one design. The last
+of every ten transmissions is worn (half as much leakage again); the third of every five has an
+effect that the fitted model does not know. Logs go to FOLDER/logs, the truth to
+FOLDER/hidden.json.
 """
 
 import argparse
@@ -61,17 +61,17 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--logs", type=int, default=40, help="how many (40)")
-    parser.add_argument("--samples", type=int, default=96, help="in each log (96)")
+    parser.add_argument("--logs", type=int, default=40, help="number of logs (40)")
+    parser.add_argument(
+        "--samples", type=int, default=96, help="samples in each log (96)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the random numbers (0)")
     options = parser.parse_args()
     (options.folder / "logs").mkdir(parents=True, exist_ok=True)
     hidden = {}
     for number in range(options.logs):
-        campaign, name = (
-            transmission(number, options.samples, options.seed),
-            f"{number:05d}",
-        )
+        campaign = transmission(number, options.samples, options.seed)
+        name = f"{number:05d}"
         hmcvt.write_bench(
             options.folder / "logs" / f"{name}.csv",
             hmcvt.BenchSamples(**campaign.samples),

@@ -1,10 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""One campaign, test by test: the diagnosis asks, a simulated bench measures, until it is settled.
+"""Run a campaign test by test: the advice chooses each test, a simulated bench measures it.
 
     python examples/next_test.py
 
-The plant is the shipped model with an effect that the diagnosis is not told. On a bench of yours,
-`hmcvt next bench.csv` tells which test to add to the file.
+The plant is the shipped model with an effect that is unknown to the diagnosis. On your bench,
+`hmcvt next bench.csv` names the test to add to the file.
 """
 
 from dataclasses import replace
@@ -15,8 +15,10 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import RPM, OperatingPoints
 
-EFFICIENCY_NOISE, SPEED_NOISE = 0.004, 0.001
-STARTED, MOST = 24, 12  # tests before the first question, tests asked for
+EFFICIENCY_NOISE = 0.004
+SPEED_NOISE = 0.001
+FIRST_TESTS = 24
+MOST_FURTHER_TESTS = 12
 COLUMNS = (
     "displacement_ratio",
     "engine_speed",
@@ -31,16 +33,21 @@ PLANT = replace(MODEL, effects=(PressureLeakage(6e-12),))
 
 def measure(points: OperatingPoints, rng: np.random.Generator) -> hmcvt.BenchSamples:
     """Read efficiency and output speed of the plant."""
-    efficiency, speed, _ = PLANT.readings_at(points)
-    read = (
-        efficiency + EFFICIENCY_NOISE * rng.standard_normal(efficiency.shape),
-        speed * (1.0 + SPEED_NOISE * rng.standard_normal(speed.shape)),
+    readings = PLANT.readings_at(points)
+    efficiency = readings[0]
+    speed = readings[1]
+    return hmcvt.BenchSamples(
+        displacement_ratio=points.displacement_ratio,
+        engine_speed=points.engine_speed,
+        load_torque=points.load_torque,
+        efficiency=efficiency
+        + EFFICIENCY_NOISE * rng.standard_normal(efficiency.shape),
+        output_speed=speed * (1.0 + SPEED_NOISE * rng.standard_normal(speed.shape)),
     )
-    return hmcvt.BenchSamples(**dict(zip(COLUMNS, (*points[:3], *read), strict=True)))
 
 
 def joined(*parts: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
-    """Put campaigns one after another."""
+    """Return campaigns one after another."""
     return hmcvt.BenchSamples(
         **{
             name: np.concatenate([getattr(part, name) for part in parts])
@@ -50,30 +57,31 @@ def joined(*parts: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
 
 
 def main() -> None:
-    """Ask and measure."""
+    """Follow the advice until it says stop."""
     rng = np.random.default_rng(2)
-    engine = rng.uniform(80.0, 220.0, STARTED)
+    engine = rng.uniform(80.0, 220.0, FIRST_TESTS)
     samples = measure(
         OperatingPoints(
-            rng.uniform(-0.9, 0.9, STARTED),
+            rng.uniform(-0.9, 0.9, FIRST_TESTS),
             engine,
-            rng.uniform(18e3, 40e3, STARTED) / engine,
+            rng.uniform(18e3, 40e3, FIRST_TESTS) / engine,
         ),
         rng,
     )
-    for _ in range(MOST + 1):
+    for _ in range(MOST_FURTHER_TESTS + 1):
         advice = hmcvt.next_test(MODEL, samples, noise=EFFICIENCY_NOISE)
-        alive = [
-            f"{' + '.join(names) or 'unlisted'} {100 * p:.0f} %"
-            for names, p in advice.alive[:3]
+        explanations = [
+            f"{' + '.join(names) or 'unlisted'} {100 * probability:.0f} %"
+            for names, probability in advice.alive[:3]
         ]
         print(
-            f"{len(samples)} tests: {', '.join(alive)}, no gap {100 * advice.no_gap:.0f} %"
+            f"{len(samples)} tests: {', '.join(explanations)}, "
+            f"no gap {100 * advice.no_gap:.0f} %"
         )
         if advice.stop:
-            print(
-                f"stop: {advice.reason}{f'; {advice.measure}' if advice.measure else ''}"
-            )
+            print(f"stop: {advice.reason}")
+            if advice.measure:
+                print(f"measure: {advice.measure}")
             return
         point = advice.tests[0].point
         print(
@@ -81,8 +89,8 @@ def main() -> None:
             f"{point['engine_speed'] / RPM:.0f} r/min, {point['load_torque']:.0f} N m; about "
             f"{advice.tests_expected} more"
         )
-        asked = OperatingPoints(*(np.array([point[name]]) for name in COLUMNS[:3]))
-        samples = joined(samples, measure(asked, rng))
+        requested = OperatingPoints(*(np.array([point[name]]) for name in COLUMNS[:3]))
+        samples = joined(samples, measure(requested, rng))
 
 
 if __name__ == "__main__":

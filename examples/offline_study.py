@@ -1,19 +1,19 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What is there to save by letting the engine speed go? A study without ROS, for the researcher.
+"""Compute how much a free choice of the engine speed saves in a day; without ROS.
 
     python examples/offline_study.py
     python examples/offline_study.py --params mine.yaml --engine-speed 1900
 
-A day of field work is a few working points: ground speed (speed of the output shaft), power at the
-wheels, hours. Two strategies drive each of them:
+A day of field work consists of a few operating points: ground speed (speed of the output shaft),
+power at the wheels, hours. Two strategies drive each of them:
 
-* fixed: the engine turns at one speed, the displacement ratio makes the ground speed;
-* best: engine speed and displacement ratio are the pair that wastes least on the line of the same
-  ground speed and power (`hold="output_speed"`).
+* fixed: the engine has one speed, and the displacement ratio sets the ground speed;
+* best: engine speed and displacement ratio are the pair with the least loss at the same ground
+  speed and power (`hold="output_speed"`).
 
-The table shows the energy that the engine has to give. At a constant specific fuel consumption the
-part saved is the part of the fuel saved. A real engine also burns less per kWh at low speed and
-high torque: multiply by its fuel map before you publish the figure.
+The table shows the energy that the engine delivers. With a constant specific fuel consumption, the
+saved part of the energy is the saved part of the fuel. A real engine also burns less per kWh at low
+speed and high torque: multiply by its fuel map before you publish the figure.
 """
 
 import argparse
@@ -45,27 +45,27 @@ def fixed_engine_speed(
     """Return displacement ratio and efficiency, shape (n,), at one engine speed [rad/s].
 
     Args:
-        model: says what the transmission does.
+        model: of the transmission.
         engine_speed: [rad/s].
-        output_speed: to be reached [rad/s], shape (n,).
+        output_speed: demand [rad/s], shape (n,).
         power: at the output [W], shape (n,).
     """
-    # One call answers a whole grid: displacement ratio down, working points across.
+    # One call for the whole grid: displacement ratio along rows, operating points along columns.
     stroke = np.linspace(-1.0, 1.0, 401)[:, None]
     torque = power[None, :] / engine_speed
     speed = model.output_speed(stroke, engine_speed, torque)
-    found = np.array(
+    needed = np.array(
         [
             np.interp(target, speed[:, i], stroke[:, 0], left=np.nan, right=np.nan)
             for i, target in enumerate(output_speed)
         ]
     )
-    if np.any(np.isnan(found)):
-        unreached = output_speed[np.isnan(found)] / RPM
+    if np.any(np.isnan(needed)):
+        unreached = output_speed[np.isnan(needed)] / RPM
         raise SystemExit(
             f"{engine_speed / RPM:.0f} r/min cannot make {unreached} r/min"
         )
-    return found, model.efficiency(found, engine_speed, power / engine_speed)
+    return needed, model.efficiency(needed, engine_speed, power / engine_speed)
 
 
 def main() -> None:
@@ -85,7 +85,8 @@ def main() -> None:
         help="of the fixed strategy, r/min (2000)",
     )
     options = parser.parse_args()
-    model, held = hmcvt.load_model(options.params), options.engine_speed * RPM
+    model = hmcvt.load_model(options.params)
+    held = options.engine_speed * RPM
 
     grid = model.efficiency_map(
         np.linspace(-1, 1, 81),
@@ -100,12 +101,15 @@ def main() -> None:
         f"{grid.load_torque[at[2]]:.0f} N m\n"
     )
 
-    output_speed, power, hours = DAY[:, 0] * RPM, DAY[:, 1], DAY[:, 2]
+    output_speed = DAY[:, 0] * RPM
+    power = DAY[:, 1]
+    hours = DAY[:, 2]
     stroke, fixed = fixed_engine_speed(model, held, output_speed, power)
     best = model.optimal_displacement_ratio(
         held, power / held, hold="output_speed", output_speed=output_speed
     )
-    energy_fixed, energy_best = power * hours / fixed, power * hours / best.efficiency
+    energy_fixed = power * hours / fixed
+    energy_best = power * hours / best.efficiency
 
     print("output  power  hours |  fixed engine speed  |      best pair       | saved")
     print("[r/min]  [kW]        | [r/min]   ratio   [%]| [r/min]   ratio   [%]|   [%]")
@@ -117,7 +121,8 @@ def main() -> None:
             f"{100 * best.efficiency[i]:6.1f}|"
             f"{100 * (1.0 - energy_best[i] / energy_fixed[i]):6.1f}"
         )
-    total, least = energy_fixed.sum() * 3600.0 / KWH, energy_best.sum() * 3600.0 / KWH
+    total = energy_fixed.sum() * 3600.0 / KWH
+    least = energy_best.sum() * 3600.0 / KWH
     print(
         f"\nthe day: {total:.0f} kWh from the engine at {options.engine_speed:.0f} r/min, "
         f"{least:.0f} kWh with the best pair: {100 * (1.0 - least / total):.1f} % saved"

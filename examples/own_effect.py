@@ -1,11 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""An effect of one's own, from its class to the diagnosis that finds it.
+"""Write an effect and find it with the diagnosis.
 
     python examples/own_effect.py
 
-A relief valve that opens too early: below the pressure at which it cracks nothing happens, above
-it oil escapes in proportion. No curve of the effects that come with hmcvt has such a corner. The
-same file serves the command line, as what `--effects` names, and the node (`effects_file`).
+The effect is a relief valve that opens too early: below its cracking pressure nothing happens,
+above it oil escapes in proportion. No effect of hmcvt has such a corner. The command line
+(`--effects`) and the node (`effects_file`) use the same file.
 """
 
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ class ReliefValve(Effect):
 
 
 def bench(tests: int = 96) -> hmcvt.BenchSamples:
-    """A simulated campaign on a unit with such a valve, read with 0.3 % noise."""
+    """Simulate a campaign on a unit with such a valve, with 0.3 % noise."""
     rng = np.random.default_rng(7)
     base = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     unit = replace(base, effects=(ReliefValve(leak=6e-11, cracking=6.0),))
@@ -60,6 +60,6 @@ def bench(tests: int = 96) -> hmcvt.BenchSamples:
 if __name__ == "__main__":
     hmcvt.write_bench("valve.csv", bench())
     served = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    found = hmcvt.diagnose(served, bench(), noise=0.003)
-    print(found.report())
-    hmcvt.save_model(found.model, "valve.yaml")
+    diagnosis = hmcvt.diagnose(served, bench(), noise=0.003)
+    print(diagnosis.report())
+    hmcvt.save_model(diagnosis.model, "valve.yaml")

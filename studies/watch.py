@@ -161,8 +161,8 @@ def main() -> None:
                 "noticed",
                 "before it opened",
                 "delay, median (90 %) [samples]",
-                "size told, median",
-                "interval holds it",
+                "reported size, median",
+                "interval contains it",
             ),
             rows,
         )

@@ -1,10 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""One name and one version in every file that repeats them, what ships, what stands beside it."""
+"""Metadata, dependencies, shipped files and licence of the package."""
 
 import ast
 import configparser
 import re
+import shutil
+import subprocess
 import sys
+import tarfile
 import xml.etree.ElementTree as ElementTree
 from importlib.metadata import version
 
@@ -53,17 +56,16 @@ def test_every_shipped_file_is_found(folder):
         assert found.read_bytes() == path.read_bytes()
 
 
-def test_file_that_does_not_ship_is_told():
+def test_unknown_file_is_refused():
     with pytest.raises(hmcvt.InputError, match=r"params/hm5\.yaml does not ship"):
         hmcvt.data_path("params/hm5.yaml")
 
 
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
-    found, own = (
-        set(),
-        {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"},
-    )
+    found = set()
+    own = {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
+    own |= {path.stem for path in (ROOT / "docs").glob("*.py")}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -91,21 +93,21 @@ def depends(kind):
     return {element.text for element in PACKAGE.iterfind(kind)}
 
 
-def test_rosdep_installs_what_is_imported_and_no_more():
+def test_rosdep_installs_the_imports():
     # ros2launch is the command that starts the launch file.
     assert depends("exec_depend") - {"ros2launch"} == (
         third_party("hmcvt_core", "hmcvt_ros") - optional()
     )
 
 
-def test_rosdep_installs_what_the_tests_import():
+def test_rosdep_installs_the_imports_of_the_tests():
     # rosdep has no key for cyclonedds.
     assert depends("test_depend") - {"python3-pytest-timeout"} == (
         third_party("tests") - depends("exec_depend") - optional() - {"cyclonedds"}
     )
 
 
-def test_everything_beside_the_modules_is_installed_for_ros():
+def test_ros_files_are_installed():
     setup = read("setup.py")
     for folder in ("config", "launch", "security"):
         for path in (ROOT / "hmcvt_ros" / folder).iterdir():
@@ -116,10 +118,34 @@ def test_everything_beside_the_modules_is_installed_for_ros():
                 )
 
 
+def test_sdist_holds_what_the_tests_need(tmp_path):
+    ignored = shutil.ignore_patterns(
+        ".*", "__pycache__", "build", "dist", "site", "reproduction", "*.egg-info"
+    )
+    shutil.copytree(ROOT, tmp_path / "source", ignore=ignored)
+    build = "import setuptools.build_meta as b; b.build_sdist('../dist')"
+    done = subprocess.run(
+        [sys.executable, "-c", build],
+        cwd=tmp_path / "source",
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0, done.stderr
+    (archive,) = (tmp_path / "dist").iterdir()
+    with tarfile.open(archive) as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+    for folder in ("data", "docs", "examples", "params", "studies", "tests"):
+        source = tmp_path / "source"
+        files = [path for path in (source / folder).rglob("*") if path.is_file()]
+        missing = {str(path.relative_to(source)) for path in files} - names
+        assert missing == set()
+
+
 HEADER = "# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0"
 
 
-def test_every_source_file_says_whose_it_is():
+def test_every_source_file_has_the_licence_header():
     missing = [
         str(path.relative_to(ROOT))
         for folder in (
@@ -136,7 +162,7 @@ def test_every_source_file_says_whose_it_is():
     assert missing == []
 
 
-def test_placeholders_are_marked_and_valid_in_form():
+def test_placeholders_are_marked_and_valid():
     text = read("package.xml")
     block = text.partition("<!-- PLACEHOLDERS")[2].partition(
         "<!-- End of the placeholders"
@@ -155,7 +181,7 @@ def test_placeholders_are_marked_and_valid_in_form():
     }
 
 
-def test_all_that_pip_installs_for_the_tests_is_locked():
+def test_dependencies_are_locked():
     pinned = re.findall(r"^([\w.-]+)==", read("constraints.txt"), re.MULTILINE)
     lines = read("pyproject.toml").partition("[tool.")[0].split("\n")
     lines = [line for line in lines if line.startswith("dependencies = ")] + lines[
@@ -166,7 +192,7 @@ def test_all_that_pip_installs_for_the_tests_is_locked():
     assert {name.lower() for name in asked} - set(pinned) == {"hmcvt_ros"}
 
 
-def test_what_ends_is_started_again():
+def test_launch_file_and_systemd_restart_the_node():
     launch = ast.parse(read("hmcvt_ros/launch/hmcvt.launch.py"))
     (node,) = (
         call
@@ -204,12 +230,12 @@ def test_citation_is_of_this_version():
 
 
 def test_changelog_begins_with_this_version():
-    versions = re.findall(r"^## (\S+)", read("CHANGELOG.md"), flags=re.MULTILINE)
+    versions = re.findall(r"^## \[(\S+)\]", read("CHANGELOG.md"), flags=re.MULTILINE)
     released = [version for version in versions if version.lower() != "unreleased"]
     assert released[0] == hmcvt.__version__
     entry = (
         read("CHANGELOG.md")
-        .partition(f"## {hmcvt.__version__}")[2]
+        .partition(f"## [{hmcvt.__version__}]")[2]
         .partition("\n## ")[0]
     )
     assert "\n* " in entry
@@ -218,11 +244,33 @@ def test_changelog_begins_with_this_version():
 
 
 def test_web_site_has_every_page_once():
-    named = re.findall(r"^ +- ([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
+    named = re.findall(r"^ +- .*?([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
     assert sorted(named) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
     assert named[0] == "index.md"
 
 
-def test_every_public_name_stands_on_the_page_of_the_api():
-    named = re.findall(r"^::: hmcvt_core\.(\w+)$", read("docs/api.md"), re.MULTILINE)
+def test_web_site_loads_nothing_from_the_network():
+    theme = re.search(
+        r"^theme:\n(.*?)^\S", read("mkdocs.yml"), re.DOTALL | re.MULTILINE
+    )
+    assert re.search(r"^  font: false$", theme[1], re.MULTILINE)
+    # The theme would load this renderer from a server.
+    for path in (ROOT / "docs").glob("*.md"):
+        assert "```mermaid" not in path.read_text(encoding="utf-8"), path
+
+
+def test_changelog_has_the_sections_of_keep_a_changelog():
+    sections = re.findall(r"^### (.*)$", read("CHANGELOG.md"), re.MULTILINE)
+    allowed = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert set(sections) <= allowed | {"Breaking"}
+
+
+def test_api_pages_list_every_public_name():
+    named = [
+        name
+        for path in (ROOT / "docs").glob("api*.md")
+        for name in re.findall(
+            r"^::: hmcvt_core[\w.]*\.(\w+)$", path.read_text("utf-8"), re.MULTILINE
+        )
+    ]
     assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})

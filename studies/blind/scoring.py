@@ -145,7 +145,7 @@ class _Question(NamedTuple):
 def _alone(group: str, what: str, ask: Callable[[Record], Any]) -> _Question:
     """The same question where it can be answered."""
     return _Question(
-        f"{group}: {what}, where nothing else listed imitates it",
+        f"{group}: {what}, where no other listed effect imitates it",
         0.0,
         [group],
         lambda r: ask(r) if r["beyond"] >= DETECTABLE else None,
@@ -193,7 +193,7 @@ def _said(record: Record) -> tuple[float, bool] | None:
 _EVERY = (*LISTED, *STRANGE, "none", "base off", "faint")
 _QUESTIONS = (
     _Question(
-        "single without a twin: first",
+        "single, not confounded: first",
         0.95,
         ["single"],
         _untwinned,
@@ -239,7 +239,7 @@ _QUESTIONS = (
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
     _alone("wrong sign", "refused", _refused),
     _Question(
-        "place of unlisted and wrong signs found",
+        "location of unlisted and wrong-sign effects found",
         0.80,
         STRANGE,
         lambda r: r["place_found"],
@@ -247,22 +247,22 @@ _QUESTIONS = (
     ),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
     _Question(
-        "named rightly: 85 % of the squared gap gone", 0.85, LISTED, _gone, then="85 %"
+        "correctly named: 85 % of the squared gap removed", 0.85, LISTED, _gone, then="85 %"
     ),
     _Question(
-        "gone, where noise and misfit leave room",
+        "removed, where noise and misfit permit",
         0.0,
         LISTED,
         lambda r: _gone(r) if _room(r) else None,
     ),
     _Question(
-        "gap told at least half of the true one",
+        "reported gap at least half of the true one",
         0.95,
         LISTED,
         lambda r: r["told_gap"] >= 0.5 * r["true_gap"],
     ),
     _Question(
-        "where: F1 of the regions told, listed",
+        "where: F1 of the reported regions, listed",
         0.65,
         LISTED,
         lambda r: r["f1"],
@@ -301,14 +301,14 @@ _QUESTIONS = (
         sum_up=_ninetieth,
     ),
     _Question(
-        "promised - met: 90th percentile, where they leave room",
+        "promised - met: 90th percentile, where they permit",
         0.0,
         LISTED,
         lambda r: _miss(r) if _room(r) else None,
         sum_up=_ninetieth,
     ),
     _Question(
-        "probability of the first set: worst band off by",
+        "probability of the first set: largest error of a band",
         0.10,
         _EVERY,
         _said,
@@ -443,7 +443,7 @@ def _by_effect(records: Sequence[Record]) -> str:
             "among three sets",
             "in a set of three",
             "refused",
-            "no gap called",
+            "no gap reported",
             "F1 of where",
             "named instead",
         ),
@@ -454,7 +454,7 @@ def _by_effect(records: Sequence[Record]) -> str:
 def _calibration(records: Sequence[Record]) -> str:
     answers = [said for said in map(_said, records) if said is not None]
     return table(
-        ("probability of the first set", "mean said", "right"),
+        ("probability of the first set", "mean probability", "right"),
         [
             (
                 f"{low:.2f} to {min(high, 1.0):.2f}",
@@ -504,13 +504,13 @@ def _loop(records: Sequence[Record]) -> str:
         ("right set settled", "", LISTED, lambda end: end["right"]),
         ("wrong set settled", "at most 5 %", (*LISTED, "none"), _wrong),
         (
-            "unlisted or wrong sign: a listed one settled",
+            "unlisted or wrong sign: a listed effect settled",
             "at most 10 %",
             STRANGE,
             _wrong,
         ),
         (
-            "nothing hidden: told to stop",
+            "nothing hidden: advised to stop",
             "",
             ("none",),
             lambda end: end["reason"] and not end["settled"],

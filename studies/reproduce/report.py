@@ -19,7 +19,7 @@ from .tables import FORMULATIONS
 
 HTML, MARKDOWN = "report.html", "report.md"
 _FOLDER = Path(__file__).parent
-_TITLE = "The paper's numbers and figures beside ours"
+_TITLE = "The paper's numbers and figures, recomputed"
 _MARKS = {
     REPRODUCED: "good",
     BETTER: "good",

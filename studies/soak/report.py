@@ -53,7 +53,7 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Process, plan: Plan) -> list[Go
             top >= CEILING_GOAL,
         ),
         Goal(
-            f"{fuzzed.sent} messages of nonsense: wrong or missing answers, wrong counts",
+            f"{fuzzed.sent} invalid messages: wrong or missing answers, wrong counts",
             "0",
             str(len(fuzzed.differences)),
             not fuzzed.differences,
@@ -239,7 +239,7 @@ def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
             heard == sent,
         ),
         Goal(
-            f"arrivals answered rightly, of those heard, {when}",
+            f"correct answers, of the arrivals heard, {when}",
             "all",
             f"{right} of {heard}",
             right == heard,

@@ -2,10 +2,11 @@
 """Every command shown to a reader works: in --help, in README.md and on every page of docs/.
 
 The tutorial and the worked example of the diagnosis also print what the pages show. A command
-line is run for real in a folder that holds the files it names. What is not run is named in
-`PARSED_ONLY`, with the reason; its arguments are still read by the command it names. A line with
-placeholders (`BENCH.csv`, `[--json]`), or that does no more than name an option, is a synopsis: the
-command has to exist and have its options.
+line is run in a folder that holds the files it names. Commands that are not run are listed in
+`PARSED_ONLY` with the reason; their arguments are parsed. A line with placeholders (`BENCH.csv`,
+`[--json]`), or that only names an option, is a synopsis: the command has to exist and have its
+options. Lines of other programs are checked as far as this project defines them; `EXTERNAL` lists
+the rest. The Python of the pages is run.
 """
 
 import copy
@@ -13,14 +14,17 @@ import functools
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 
 import click
+import numpy as np
 import pytest
 import yaml
 
 from hmcvt_core.cli import cli
 
-from .running import ROOT, write_raw_bench
+from .running import ROOT, script, write_raw_bench
 
 pytestmark = pytest.mark.slow
 
@@ -29,17 +33,29 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NAMES = cli.list_commands(click.Context(cli))
 PARSED_ONLY = {
-    "diagnose": "seconds each; run by the tutorial, test_commands.py and README.md",
-    "fleet": "needs the logs of a fleet, or a Dask cluster; run by tests/fleet",
-    "import-bag": "needs bags; run by tests/bag",
-    "unit": "makers' tables are not copied here; run on simulated ones by tests/units",
+    "import-bag": "needs bags; run by tests/bag/test_command.py",
     "node": "needs ROS and does not end; run by tests/ros/test_node_process.py",
+    "--scheduler": "needs a Dask cluster; run by tests/fleet/test_cluster.py",
 }
+EXTERNAL = {
+    "colcon": "builds a ROS workspace: make colcon",
+    "cp": "part of the tutorial, which is run",
+    "dask": "starts a cluster: tests/fleet/test_cluster.py",
+    "docker": "needs a container runtime",
+    "eval": "a shell's completion",
+    "export": "a shell's variables",
+    "hmcvt-node": "does not end: tests/ros/test_node_process.py",
+    "ros2": "needs an installation of ROS 2",
+    "rosdep": "needs an installation of ROS 2",
+    "source": "needs an installation of ROS 2",
+    "sudo": "installs system packages",
+}
+FEWER_LOGS = 2
 SYNOPSIS = re.compile(r"\[|\b[A-Z]{3,}[A-Z_]*\b(?!\.md)|FILE|\.\.\.")
 
 
 def _lines(text):
-    """Command lines: those of code blocks, and those in the running text that have arguments."""
+    """Return the command lines in code blocks, and those with arguments in the text."""
     joined = re.sub(r"\\\n\s*", " ", text)
     block = [
         line.strip().removeprefix("$ ")
@@ -57,11 +73,11 @@ def _command(name):
 
 
 @functools.cache
-def _found():
-    """Arguments of the command lines, and synopses, each once."""
+def _cases_and_synopses():
+    """Return the arguments of the command lines, and the synopses, without duplicates."""
     texts = [path.read_text(encoding="utf-8") for path in PAGES]
     texts += [_command(name).epilog or "" for name in NAMES]
-    # An effect of one's own stays in the library for good: tests/cli/test_effects.py.
+    # A loaded effect stays in the library: tests/cli/test_effects.py runs these.
     lines = {
         line for text in texts for line in _lines(text) if "own_effect" not in line
     }
@@ -74,16 +90,19 @@ def _found():
     return sorted(cases), sorted(synopses)
 
 
-CASES, SYNOPSES = _found()
+CASES, SYNOPSES = _cases_and_synopses()
 
 
 @pytest.fixture
 def workplace(tmp_path, monkeypatch):
-    """A folder with what the examples name."""
+    """Return a folder with the files that the examples name."""
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
     write_raw_bench(tmp_path / "raw.csv")
+    _write_logs(tmp_path)
+    for name in ("pump", "pump_asw062", "motors_s4d_c7", "table"):
+        _write_unit(tmp_path / f"{name}.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
     (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
@@ -103,6 +122,41 @@ def workplace(tmp_path, monkeypatch):
     return tmp_path
 
 
+def _write_logs(folder):
+    """Write two short logs where the pages have a fleet."""
+    lines = (ROOT / "data" / "simulated.csv").read_text().splitlines()
+    for logs in (folder / "logs", folder / "fleet" / "logs"):
+        logs.mkdir(parents=True)
+        for number in range(FEWER_LOGS):
+            part = lines[1 + 40 * number : 41 + 40 * number]
+            (logs / f"{number}.csv").write_text("\n".join([lines[0], *part, ""]))
+
+
+def _write_unit(path):
+    """Write the table of a simulated unit that leaks in proportion to speed as well."""
+    speed, pressure = map(
+        np.ravel, np.meshgrid(np.linspace(50.0, 270.0, 8), np.linspace(4e6, 4e7, 8))
+    )
+    volume = 11.3e-6
+    flow = 3e-12 * pressure + 2e-9 * volume * pressure * speed
+    torque = 0.05 * speed + 0.012 * volume * pressure
+    rng = np.random.default_rng(0)
+    columns = {
+        "displacement": np.full(speed.shape, volume),
+        "speed": speed,
+        "pressure": pressure,
+        "flow_loss": flow + 1e-6 * rng.standard_normal(speed.shape),
+        "torque_loss": torque + 0.1 * rng.standard_normal(speed.shape),
+    }
+    kind = "motor" if path.stem in ("motors_s4d_c7", "table") else "pump"
+    head = ",".join([*columns, "kind", "unit"])
+    rows = [
+        ",".join(f"{value:.6g}" for value in row) + f",{kind},S4D"
+        for row in zip(*columns.values(), strict=True)
+    ]
+    path.write_text("\n".join([head, *rows, ""]))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_command_shows_examples(name):
     command = _command(name)
@@ -115,7 +169,7 @@ def test_every_command_shows_examples(name):
     )
 
 
-def test_every_command_stands_in_cli_md_and_has_an_example():
+def test_cli_page_lists_every_command():
     table = (DOCS / "cli.md").read_text(encoding="utf-8")
     for name in NAMES:
         assert re.search(rf"^\| `hmcvt {name}\b", table, re.MULTILINE), name
@@ -125,17 +179,25 @@ def test_every_command_stands_in_cli_md_and_has_an_example():
 @pytest.mark.parametrize("case", CASES, ids=" ".join)
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
-    if name in PARSED_ONLY:
+    if not PARSED_ONLY.keys().isdisjoint(case):
         _command(name).make_context(name, list(arguments))
         return
+    if ">" in case:  # a shell would write the output to a file
+        case = case[: case.index(">")]
     done = hmcvt(*case)
-    assert (done.code, done.err) == (0, "")
+    assert done.code == 0, done.err
+    assert done.err == "" or name == "fleet"  # it reports its progress there
     assert done.out or "--out" in case
-    for option in ("--out", "--picture", "--report", "--save-model"):
-        if option in case:
-            assert (workplace / case[case.index(option) + 1]).stat().st_size > 0
     if "--json" in case:
         assert done.json
+    for path in _written(case):
+        assert (workplace / path).stat().st_size > 0
+
+
+def _written(case):
+    """Return the files and folders that a command is to write."""
+    options = ("--out", "--picture", "--report", "--save-model")
+    return [case[case.index(option) + 1] for option in options if option in case]
 
 
 @pytest.mark.parametrize("line", SYNOPSES)
@@ -146,6 +208,93 @@ def test_synopsis(line):
     assert named - {"--ros-args"} <= known
 
 
+def _shell_lines():
+    """Lines in code blocks that run another program than hmcvt, each once."""
+    names = {"make", "pip", "python", *EXTERNAL}
+    lines = set()
+    for path in PAGES:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            words = line.split()
+            if line.startswith("    ") and words and words[0] in names:
+                lines.add(line.partition("  #")[0].strip())
+        for line in re.findall(r"`(make [^`]+)`", path.read_text(encoding="utf-8")):
+            lines.add(line)
+    assignments = {line for line in lines if " = " in line}
+    return sorted(lines - assignments)
+
+
+@pytest.mark.parametrize("line", _shell_lines())
+def test_line_of_another_program(line):
+    program, *words = shlex.split(line)
+    if program == "make":
+        _check_targets(words)
+    elif program == "pip":
+        _check_extras(line)
+    elif program == "python" and words[0] == "-m":
+        _check_study(words[1], words[2:])
+    elif program == "python":
+        _check_script(words[0])
+
+
+def _check_targets(words):
+    """Check that the Makefile has the targets."""
+    rules = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in (word for word in words if "=" not in word):
+        assert re.search(rf"^{target}:", rules, re.MULTILINE), target
+
+
+def _check_extras(line):
+    """Check that the project has the extras."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for extra in re.findall(r"\[(\w+)\]", line):
+        assert re.search(rf"^{extra} = ", project, re.MULTILINE), extra
+
+
+def _check_script(name):
+    """Check that the script exists and that a test names it."""
+    path = ROOT / name
+    assert path.is_file(), name
+    tests = [test.read_text("utf-8") for test in (ROOT / "tests").rglob("*.py")]
+    assert any(path.stem in text for text in tests), f"no test runs {name}"
+
+
+def _check_study(module, words):
+    """Check that the module exists and has the options."""
+    if not module.startswith("studies"):
+        return
+    done = subprocess.run(
+        [sys.executable, "-m", module, "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    for option in (word for word in words if word.startswith("--")):
+        assert option in done.stdout, option
+
+
+def _pages_with_python():
+    """Pages whose Python examples run from beginning to end."""
+    pages = []
+    for path in sorted(DOCS.glob("*.md")):
+        if "import hmcvt_core as hmcvt\n" in "".join(_python(path)):
+            pages.append(path)
+    return [*pages, DOCS / "api-effects.md"]
+
+
+def _python(path):
+    return re.findall(r"```python\n(.*?)```", path.read_text("utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("path", _pages_with_python(), ids=lambda path: path.name)
+def test_python_of_a_page(workplace, path):
+    program = workplace / "page.py"
+    program.write_text("\n".join(_python(path)), encoding="utf-8")
+    done = script(program, cwd=workplace)
+    assert done.returncode == 0, done.stderr
+
+
 def test_python_of_the_readme(workplace):
     blocks = re.findall(
         r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
@@ -154,20 +303,20 @@ def test_python_of_the_readme(workplace):
     names = {}
     for block in blocks:
         exec(block, names)
-    assert 0.0 < names["fit"].fit_error < 0.05 and names["found"].verdict
+    assert 0.0 < names["fit"].fit_error < 0.05 and names["diagnosis"].verdict
 
 
 def blocks(page):
-    """Indented blocks of a page, as lists of lines."""
+    """Return the indented blocks of a page, as lists of lines."""
     text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
-    found = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
     return [
-        [line[4:] for line in block.splitlines() if line.strip()] for block in found
+        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
     ]
 
 
 def same(shown, printed):
-    """Whether a line is printed as it is shown; numbers may differ in the last digits."""
+    """Return whether a line is printed as shown; numbers may differ in the last digits."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
     pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
@@ -178,7 +327,7 @@ def same(shown, printed):
 
 
 def follow(hmcvt, block, printed):
-    """Run the commands of a block, or find what the block shows in what was printed last."""
+    """Run the command of a block, or look for the lines of the block in the last output."""
     if block[0].startswith("pip install"):
         return printed  # what this test runs is installed, or is the checkout
     if block[0].startswith("cp "):
@@ -192,23 +341,25 @@ def follow(hmcvt, block, printed):
         return done.out.splitlines()
     at = 0
     for line in block:
-        found = [i for i in range(at, len(printed)) if same(line, printed[i])]
-        assert found, (line, printed)
-        at = found[0] + 1
+        matches = [i for i in range(at, len(printed)) if same(line, printed[i])]
+        assert matches, (line, printed)
+        at = matches[0] + 1
     return printed
 
 
 def followed(hmcvt, page, least):
-    """Follow all blocks of a page; return what was printed."""
-    printed, told, steps = [], [], blocks(page)
+    """Follow all blocks of a page; return everything that was printed."""
+    steps = blocks(page)
     assert len(steps) >= least
+    printed = []
+    output = []
     for block in steps:
         printed = follow(hmcvt, block, printed)
-        told += printed
-    return told
+        output += printed
+    return output
 
 
-def test_every_step(hmcvt, workplace):
+def test_tutorial(hmcvt, workplace):
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     (workplace / "mine.yaml").unlink()
     followed(hmcvt, page, 12)
@@ -225,9 +376,9 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     (example,) = re.findall(
         r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
     )
-    told = followed(hmcvt, example, 6)
+    output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
-    assert "model with charge_pump (34 %, not certain) written to better.yaml" in told
+    assert "model with charge_pump (34 %, not certain) written to better.yaml" in output
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

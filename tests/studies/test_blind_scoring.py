@@ -54,8 +54,8 @@ def test_only_the_exact_set_that_is_named_counts_as_first():
         record(churning, churning, verdict="unexplained"),
         record(churning, ["gear_mesh"]),
     ]
-    assert "1/4 = 25 %" in row(records, "single without a twin: first")
-    assert "**missed**" in row(records, "single without a twin: first")
+    assert "1/4 = 25 %" in row(records, "single, not confounded: first")
+    assert "**missed**" in row(records, "single, not confounded: first")
     pair = ["churning", "gear_mesh"]
     two = [
         record(pair, pair),
@@ -70,9 +70,9 @@ def test_what_something_else_listed_imitates_has_a_row_without_it():
         record(["churning"], ["gear_mesh"], beyond=3.0),
         record(["churning"], ["churning"]),
     ]
-    assert "1/2 = 50 %" in row(records, "single without a twin: first")
+    assert "1/2 = 50 %" in row(records, "single, not confounded: first")
     assert "1/1 = 100 %" in row(
-        records, "single: first, where nothing else listed imitates it"
+        records, "single: first, where no other listed effect imitates it"
     )
 
 
@@ -87,7 +87,7 @@ def test_a_set_longer_than_three_does_not_count():
 
 def test_twins_do_not_count_as_first_and_a_base_that_is_off_is_no_cause():
     assert row(
-        [record(["torque_sensor"], ["charge_pump"])], "single without a twin: first"
+        [record(["torque_sensor"], ["charge_pump"])], "single, not confounded: first"
     ).endswith("|  |")
     off = [
         record([], ["gear_mesh"], group="base off"),
@@ -101,7 +101,7 @@ def test_a_band_of_probability_is_judged_by_how_often_it_was_right():
         record(["churning"], ["gear_mesh"], sets=[(["gear_mesh"], 0.8)])
     ] * 3
     assert "0.30 **missed**" in row(
-        records, "probability of the first set: worst band off by"
+        records, "probability of the first set: largest error of a band"
     )
     assert "| 0.70 to 0.90 | 0.80 | 3/6 = 50 %" in report(records, "python", "used")
 

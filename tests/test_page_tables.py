@@ -1,0 +1,84 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Tables and code on the pages that repeat the code, or other pages."""
+
+import math
+import re
+import runpy
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from cli.running import ROOT
+
+from hmcvt_core.diagnosis import settings
+from hmcvt_core.physics.effects import library
+
+
+def read(name):
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_tables_of_the_pages_agree_with_the_code():
+    tables = runpy.run_path(str(ROOT / "docs" / "code_tables.py"))
+    for name, text in tables["pages"]().items():
+        assert read(f"docs/{name}") == text, "run: python docs/code_tables.py"
+
+
+def test_priors_of_the_page_are_those_of_the_code():
+    page = read("docs/diagnosis.md")
+    names = {
+        kind.name for kind in library() if kind.__module__.startswith("hmcvt_core.")
+    }
+    listed = len(names - {"pressure_sensor"})  # it needs a column `pressure`
+    rows = [
+        ("one listed effect", settings.PRIOR_OF_SET_SIZE[1], listed),
+        ("two", settings.PRIOR_OF_SET_SIZE[2], math.comb(listed, 2)),
+        ("three", settings.PRIOR_OF_SET_SIZE[3], math.comb(listed, 3)),
+    ]
+    for words, prior, count in rows:
+        (row,) = re.findall(rf"^\| {words} \| (.*) \|$", page, re.MULTILINE)
+        first, rest = row.split(" | ")
+        assert float(first) == prior
+        number, share = re.fullmatch(r"of (\d+)\b.*: ([\d.]+)", rest).groups()
+        assert int(number) == count
+        assert float(share) == pytest.approx(prior / count, rel=0.05)
+    for words, prior in (
+        ("misfit of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
+        ("unlisted loss alone", settings.PRIOR_UNLISTED),
+    ):
+        (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
+        assert float(value) == prior
+
+
+def test_the_form_of_the_first_change_is_an_effect():
+    page = read("docs/first-change.md")
+    block = re.search(
+        r"( +@dataclass\(frozen=True\)\n.*?)\n\n +A class", page, re.DOTALL
+    )
+    code = f"""
+from hmcvt_core.physics.effects import actuator
+exec({textwrap.dedent(block[1])!r}, vars(actuator))
+stroke = actuator.DisplacementNonlinearity(error=0.02, waves=1.0).true_displacement_ratio(0.5)
+print(round(float(stroke), 3))
+"""
+    # In a process of its own: a class stays in the library.
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.stdout == "0.52\n", done.stderr
+
+
+def test_summary_of_the_trials_quotes_their_pages():
+    rows = re.findall(
+        r"^\| .*\? \| (.*) \| (.*) \| \[.*\]\((.*)\) \|$",
+        read("docs/trials.md"),
+        re.MULTILINE,
+    )
+    assert len(rows) >= 10
+    for result, goal, page in rows:
+        text = read(f"docs/{page}")
+        number = result.removesuffix(" points worst excess")
+        assert number in text, (page, result)
+        for figure in re.findall(r"[\d.]+", goal):
+            assert figure in text, (page, goal)
