@@ -3,6 +3,8 @@
 
 import math
 import os
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +101,8 @@ def command(
         gear_efficiencies=tuple(gears) or (None,),
         effect_sources=_absolute(effects),
     )
-    if scheduler is None:
+    executor: AbstractContextManager[Executor]
+    if scheduler is None:  # noqa: SIM108 - two kinds of executor
         executor = Processes(processes or _cores())
     else:
         executor = on_cluster(scheduler)

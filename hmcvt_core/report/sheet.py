@@ -15,7 +15,7 @@ _PAPER = (8.27, 11.69)  # A4 [in]
 _FONT = 11.0  # pt; the whole sheet has one size, the verdict alone is larger
 _HEADLINE = 17.0  # pt
 _COLUMNS = 84  # letters of a line of the sheet's font
-_HEADLINE_COLUMNS = 52
+_HEADLINE_COLUMNS = 46
 _LINE = 0.0175  # height of a line; part of the sheet
 _LEFT = 0.09
 _CAUSES = 3  # listed on the sheet; the page has all
@@ -60,10 +60,12 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     for line in _cause_lines(diagnosis):
         height = _write(figure, height, line)
     next_step = _next_step(diagnosis)
-    lines_below = len(textwrap.wrap(next_step, _COLUMNS)) + 2
+    lines_below = 2.0
+    for paragraph in next_step:
+        lines_below += len(textwrap.wrap(paragraph, _COLUMNS)) + 0.4
     bottom = 0.06 + _LINE * lines_below
     picture_height = min(height - bottom - 0.12, 0.42)
-    sizes = {
+    sizes: dict[Any, Any] = {
         "font.size": _FONT,
         "axes.titlesize": _FONT,
         "axes.labelsize": _FONT,
@@ -84,7 +86,8 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
         color=SOFT,
     )
     height = _write(figure, height - 0.5 * _LINE, "Next step", weight="bold")
-    _write(figure, height, next_step)
+    for paragraph in next_step:
+        height = _write(figure, height, paragraph)
 
 
 def _write(figure: Any, height: float, text: str, **style: Any) -> float:
@@ -114,16 +117,14 @@ def _cause_lines(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
-def _next_step(diagnosis: Diagnosis) -> str:
-    """Return what to do next in words."""
+def _next_step(diagnosis: Diagnosis) -> list[str]:
+    """Return what to do next, one paragraph an entry."""
     if diagnosis.verdict == "no_gap":
-        return "No test is needed: there is no gap to explain."
-    if diagnosis.next_tests:
-        return str(diagnosis.advice.report())
+        return ["No test is needed: there is no gap to explain."]
     named = diagnosis.named
-    if named is not None and named.remedy:
-        return f"To settle it: {named.remedy}."
-    return str(diagnosis.advice.report())
+    if not diagnosis.next_tests and named is not None and named.remedy:
+        return [f"To settle it: {named.remedy}."]
+    return diagnosis.advice.report().splitlines()
 
 
 def _best_view(diagnosis: Diagnosis) -> View:
