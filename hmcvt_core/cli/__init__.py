@@ -2,7 +2,7 @@
 """The command line: thin commands over the core.
 
 A command has a line in `COMMANDS` and returns its answer (`common.answers`). Other packages add
-theirs through the entry-point group `hmcvt.commands`: name = module:click_command.
+commands through the entry-point group `hmcvt.commands`: name = module:click_command.
 
 Exit codes: 0 done, 2 the input was wrong (one line on stderr), 1 internal failure, 130 interrupted;
 3 when a fleet is done but some of its logs are broken, 4 when `watch` sees a gap.
@@ -35,42 +35,51 @@ COMMANDS = {
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
     "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
-    "watch": ("gap:watch", "tell whether a gap has opened, since when and how large"),
+    "watch": ("gap:watch", "report whether a gap has opened, since when and how large"),
     "fleet": ("fleet:command", "identify and diagnose every bench log of a folder"),
     "unit": (
         "gap:unit",
         "diagnose a single pump or motor, from its tests or a maker's table",
     ),
-    "separable": ("gap:separable", "tell which effects a test plan can tell apart"),
+    "separable": ("gap:separable", "report which effects a test plan can distinguish"),
     "import": (
         "import_table:command",
         "turn the table of your bench (CSV, Excel) into bench samples",
     ),
     "import-csv": ("import_table:command", "the older name of import"),
+    "transmission": (
+        "transmission:group",
+        "write a transmission file from gear ratios, and check one",
+    ),
 }
-"""Of each command its place, module:name, and what it does."""
+"""Module and name of each command, and what it does."""
 
 GROUP = "hmcvt.commands"
 
 
 def _installed() -> dict[str, EntryPoint]:
-    """Commands of other packages by name; a name of ours cannot be taken."""
-    found = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
-    return {entry.name: entry for entry in found if entry.name not in COMMANDS}
+    """Return commands of other packages by name; names in `COMMANDS` cannot be taken."""
+    installed = {}
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+        if entry.name not in COMMANDS:
+            installed[entry.name] = entry
+    return installed
 
 
 def _load(entry: EntryPoint) -> click.Command:
-    """Load a command of another package, or give one that says why it cannot be loaded."""
+    """Load a command of another package, or return one that says why it cannot be loaded."""
     try:
         command = entry.load()
-        if isinstance(command, click.Command):
-            return command
-        why = "is no click command"
-    except Exception as error:  # whatever somebody else's module may raise
-        why = f"cannot be loaded: {type(error).__name__}: {error}"
+    except Exception as error:  # a module of another package may raise anything
+        return _unusable(entry, f"cannot be loaded: {type(error).__name__}: {error}")
+    if isinstance(command, click.Command):
+        return command
+    return _unusable(entry, "is no click command")
 
+
+def _unusable(entry: EntryPoint, reason: str) -> click.Command:
     def refuse() -> NoReturn:
-        raise HmcvtError(f"command {entry.name} ({entry.value}) {why}")
+        raise HmcvtError(f"command {entry.name} ({entry.value}) {reason}")
 
     return click.Command(
         entry.name,
@@ -83,30 +92,31 @@ def _load(entry: EntryPoint) -> click.Command:
 
 
 class _Commands(click.Group):
-    """Loads a command of ours only when it is asked for, so that --help stays fast."""
+    """Loads a command only when it is run, so that --help stays fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return [*COMMANDS, *_installed()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            place = f"{__name__}.{COMMANDS[cmd_name][0]}"
-            command: click.Command = EntryPoint(cmd_name, place, GROUP).load()
+            target = f"{__name__}.{COMMANDS[cmd_name][0]}"
+            command: click.Command = EntryPoint(cmd_name, target, GROUP).load()
             return command
         entry = _installed().get(cmd_name)
-        return None if entry is None else _load(entry)
+        if entry is None:
+            return None
+        return _load(entry)
 
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        others = [
-            (name, _load(entry).get_short_help_str(formatter.width))
-            for name, entry in _installed().items()
-        ]
+        lines = []
+        for name, (_, summary) in COMMANDS.items():
+            lines.append((name, summary))
+        for name, entry in _installed().items():
+            lines.append((name, _load(entry).get_short_help_str(formatter.width)))
         with formatter.section("Commands"):
-            formatter.write_dl(
-                [*((name, does) for name, (_, does) in COMMANDS.items()), *others]
-            )
+            formatter.write_dl(lines)
 
 
 @click.group(
@@ -145,12 +155,14 @@ def run_command(
     except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("interrupted", 130)
     except click.UsageError as error:
-        see = f"; see {error.ctx.command_path} --help" if error.ctx else ""
-        _fail(error.format_message().rstrip(".") + see, 2)
+        message = error.format_message().rstrip(".")
+        if error.ctx:
+            message += f"; see {error.ctx.command_path} --help"
+        _fail(message, 2)
     except (click.ClickException, HmcvtError) as error:
         _fail(str(error), 2)
     except BrokenPipeError:
-        # The reader (head, say) has seen enough; what is still buffered has nowhere to go.
+        # The reader (such as head) has closed the pipe: discard what is still buffered.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:

@@ -1,39 +1,66 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the commands share: options, answers, progress."""
+"""What the commands share: how they answer, their options, and the models they load."""
 
 import json
-import math
 import os
-import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from functools import reduce, wraps
-from itertools import chain
+from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import click
 
 from ..files import data_path, plain
-from ..files.bench import BenchSamples
-from ..files.guess import UNITS
-from ..files.table import parsed
 from ..model.agreement import LOADS, STROKES, operating_point
-from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel
-from ..model.parameter_file import load_model, load_stage
+from ..model.parameter_file import load_model, load_stage, load_stages
 from ..physics.effects import Effect, load_effects
 from ..physics.effects.base import OIL_HOOKS
-from ..report.style import check_drawable, picture_format
+from ..report.style import picture_format, report_format
 from ..transmission.stage import Stage
+from .progress import Progress
+from .quantities import (
+    fraction,
+    fractions,
+    output_speed,
+    part_up_to,
+    power,
+    speed,
+    torque,
+)
+from .samples import sample_records, sample_table, table
+
+__all__ = [
+    "Answer",
+    "OutputFile",
+    "Point",
+    "Progress",
+    "answers",
+    "command",
+    "fraction",
+    "options",
+    "part_up_to",
+    "power",
+    "print_json",
+    "sample_records",
+    "sample_table",
+    "speed",
+    "table",
+    "torque",
+]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-_QUIET = 2.0  # seconds of work before progress is shown
+Option = Callable[[Any], Any]
 
 
 class Answer(NamedTuple):
-    """What a command found: plain data for --json, lines for people, and its exit code."""
+    """Result of a command.
+
+    Attributes:
+        value: plain data for --json.
+        lines: text for people.
+        code: exit code.
+    """
 
     value: Any
     lines: Sequence[str] = ()
@@ -45,40 +72,44 @@ def answers(function: Callable[..., Answer]) -> Callable[..., int]:
 
     @json_option
     @wraps(function)
-    def command(*, as_json: bool, **given: Any) -> int:
-        found = function(**given)
+    def printing(*, as_json: bool, **arguments: Any) -> int:
+        answer = function(**arguments)
         if as_json:
-            print_json(found.value)
-        elif found.lines:
-            click.echo("\n".join(found.lines))
-        return found.code
+            print_json(answer.value)
+        elif answer.lines:
+            click.echo("\n".join(answer.lines))
+        return answer.code
 
-    return command
+    return printing
 
 
 def command(
-    name: str, examples: str, *shared: Callable[[Any], Any]
+    name: str, examples: str, *shared: Option
 ) -> Callable[[Callable[..., Answer]], click.Command]:
-    """Declare a command that gives an answer, with options that it shares with others.
+    """Return a decorator that declares a command which returns an `Answer`.
 
-    They stand in --help behind its own.
+    Args:
+        name: of the command.
+        examples: lines below --help.
+        shared: options shared with other commands; --help lists them after its particular ones.
     """
 
     def declare(function: Callable[..., Answer]) -> click.Command:
-        own = function.__dict__.pop("__click_params__", [])
-        found = click.command(name, epilog=f"\b\nExamples:{examples}")(
-            options(*shared)(answers(function))
-        )
-        found.params[:0] = reversed(own)
-        return found
+        # click collects options in this attribute, the last one first.
+        particular = function.__dict__.pop("__click_params__", [])
+        with_shared = options(*shared)(answers(function))
+        declared = click.command(name, epilog=f"\b\nExamples:{examples}")(with_shared)
+        declared.params = [*reversed(particular), *declared.params]
+        return declared
 
     return declare
 
 
 class OutputFile(click.ParamType):  # type: ignore[type-arg]
-    """A file to write, refused before the work rather than after it when that cannot be done.
+    """A file to write, which is refused before the work starts if it cannot be written.
 
-    `check` refuses paths besides.
+    Args:
+        check: raises for further paths to refuse.
     """
 
     name = "file"
@@ -93,37 +124,29 @@ class OutputFile(click.ParamType):  # type: ignore[type-arg]
         path = Path(value)
         if path.is_dir():
             self.fail(f"{value}: is a folder", param, ctx)
-        made = path.is_file() or not path.exists()  # not such as /dev/null
-        if made and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+        # A device such as /dev/null needs no folder that can be written.
+        is_device = path.exists() and not path.is_file()
+        folder = path.parent
+        writable = folder.is_dir() and os.access(folder, os.W_OK)
+        if not (is_device or writable):
             self.fail(
-                f"{value}: {path.parent} is not a folder that can be written",
-                param,
-                ctx,
+                f"{value}: {folder} is not a folder that can be written", param, ctx
             )
         self.check(str(value))
         return str(value)
-
-
-def _fractions(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r} is not a list of numbers such as 0.98,0.97"
-        ) from None
 
 
 picture_option = click.option(
     "--picture",
     type=OutputFile(picture_format),
     metavar="FILE",
-    help="Draw it; the ending (.png, .svg, .html) names the format.",
+    help="Draw it; the ending (.png, .svg, .pdf, .html) names the format.",
 )
 report_option = click.option(
     "--report",
-    type=OutputFile(lambda _: check_drawable()),
-    metavar="R.html",
-    help="Write the report page.",
+    type=OutputFile(report_format),
+    metavar="R.html|R.pdf",
+    help="Write the report: the page (.html), or one sheet of it (.pdf).",
 )
 json_option = click.option(
     "--json",
@@ -140,11 +163,24 @@ seed_option = click.option(
 )
 
 
-def options(*given: Callable[[Any], Any]) -> Callable[[Function], Function]:
-    """Return several options as one; they stand in --help in this order."""
-    return lambda function: reduce(
-        lambda done, option: option(done), reversed(given), function
-    )
+def options(*several: Option) -> Callable[[Function], Function]:
+    """Return several options as one decorator; --help lists them in this order."""
+
+    def decorate(function: Function) -> Function:
+        for option in reversed(several):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+def _flattened(
+    _: click.Context, __: click.Parameter, values: tuple[list[float], ...]
+) -> list[float]:
+    flat = []
+    for value in values:
+        flat += value
+    return flat
 
 
 # What is identified; `gears` are gear efficiencies to compare.
@@ -159,10 +195,10 @@ model_options = options(
     click.option(
         "--gear-efficiency",
         "gears",
-        type=_fractions,
+        type=fractions,
         multiple=True,
         metavar="0.98[,0.97...]",
-        callback=lambda *given: list(chain(*given[-1])),
+        callback=_flattened,
         help="Of every gear pair; several are compared and the best is kept.",
     ),
     click.option(
@@ -174,22 +210,30 @@ model_options = options(
 )
 
 
-def _load(_: click.Context, __: click.Parameter, sources: tuple[str, ...]) -> None:
+def _load(
+    _: click.Context, __: click.Parameter, sources: tuple[str, ...]
+) -> tuple[str, ...]:
     for source in sources:
         load_effects(source)
+    return sources
 
 
-effects_option = click.option(
-    "--effects",
-    metavar="MODULE",
-    multiple=True,
-    expose_value=False,
-    callback=_load,
-    help="Module or Python file with effects of your own, which is run.",
-)
+def _effects_option(pass_on: bool) -> Option:
+    return click.option(
+        "--effects",
+        metavar="MODULE",
+        multiple=True,
+        expose_value=pass_on,
+        callback=_load,
+        help="Module or Python file with effects that you define; it is run.",
+    )
 
 
-# The model, and the effects that it may hold besides those of hmcvt.
+effects_option = _effects_option(pass_on=False)
+# For commands whose worker processes load the effects too.
+effects_passed_on_option = _effects_option(pass_on=True)
+
+# The model, and effects that it may hold in addition to those of hmcvt.
 params_option = options(
     click.option(
         "--params",
@@ -198,42 +242,6 @@ params_option = options(
     ),
     effects_option,
 )
-
-
-class Point(NamedTuple):
-    """An operating point."""
-
-    displacement_ratio: float
-    engine_speed: float
-    load_torque: float
-    oil_temperature: float | None = None
-
-
-def _reader(
-    name: str, example: str, units: Mapping[str, float]
-) -> Callable[[Any], float]:
-    """Return what reads a number in the SI unit, or in one of the `units` written behind it.
-
-    A decimal comma is taken where no point stands. A complaint says `name`, which stands in --help
-    too, and `example`.
-    """
-
-    def read(text: str | float) -> float:
-        value, unit = parsed(str(text).strip(), comma="." not in str(text))
-        if unit in ("", *units) and (
-            value == value or str(text).strip().lower() == "nan"
-        ):
-            return units.get(unit, 1.0) * value
-        raise click.BadParameter(f"{text!r} is not a {name}: write {example}")
-
-    read.__name__ = name
-    return read
-
-
-speed = _reader("speed", "146.6 (rad/s) or 1400rpm", UNITS["engine_speed"])
-torque = _reader("torque", "200 (N m) or 1.2kNm", UNITS["engine_torque"])
-power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
-fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
 noise_option = click.option(
     "--noise",
     type=fraction,
@@ -241,50 +249,12 @@ noise_option = click.option(
     help="Standard deviation of the efficiency, 0.004 or 0.4%.  [default: "
     "column efficiency_std, else repeated points, else 1.12 % of the efficiency]",
 )
-
-
-def part_up_to(highest: float) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a callback that refuses a fraction that is not above 0 and at most `highest`."""
-
-    def checked(
-        _: click.Context, __: click.Parameter, value: float | None
-    ) -> float | None:
-        if value is None or 0.0 < value <= highest:
-            return value
-        raise click.BadParameter(f"{value:g} is not above 0 and at most {highest:g}")
-
-    return checked
-
-
-def _output_speed(
-    ctx: click.Context, _: click.Parameter, value: str | None
-) -> float | None:
-    """Read an output speed as `speed` does; one in km/h by tyre and final drive."""
-    sizes = ctx.params["tyre_radius"], ctx.params["final_drive"]
-    if value is None or not value.strip().lower().endswith("km/h"):
-        if any(size is not None for size in sizes):
-            raise click.UsageError(
-                "--tyre-radius and --final-drive are for an --output-speed in km/h"
-            )
-        return None if value is None else speed(value)
-    if not all(size is not None and size > 0.0 for size in sizes):
-        raise click.UsageError(
-            "--output-speed in km/h needs --tyre-radius and --final-drive"
-        )
-    driven, _unit = parsed(
-        value.lower().replace("km/h", "").strip(), comma="." not in value
-    )
-    if math.isnan(driven):
-        raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
-    return driven / 3.6 / sizes[0] * float(sizes[1])
-
-
 # What meters show at either shaft.
 measured_options = options(
     click.option(
         "--output-speed",
         metavar="SPEED",
-        callback=_output_speed,
+        callback=output_speed,
         help="Of the output shaft: rad/s, 1200rpm; or 8km/h with the next two.",
     ),
     click.option(
@@ -322,27 +292,53 @@ point_options = options(
 )
 
 
+class Point(NamedTuple):
+    """An operating point.
+
+    Attributes:
+        displacement_ratio: pump stroke [-].
+        engine_speed: [rad/s].
+        load_torque: output power / engine speed [N m].
+        oil_temperature: [deg C], or None.
+    """
+
+    displacement_ratio: float
+    engine_speed: float
+    load_torque: float
+    oil_temperature: float | None = None
+
+
+def flag(name: str) -> str:
+    """Return a parameter's name as it is written on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
 def point_from(given: Mapping[str, Any], model: EfficiencyModel) -> Point:
-    """Return the operating point that options give, with what a meter shows turned into it."""
-    if given["engine_speed"] is None:
+    """Return the operating point that options state, solved from meter readings if need be.
+
+    Args:
+        given: values of `point_options` by name.
+        model: relates the readings of the meters to stroke and load.
+
+    Raises:
+        click.UsageError: the options state too little or too much.
+    """
+    engine_speed = given["engine_speed"]
+    if engine_speed is None:
         raise click.UsageError("--engine-speed is needed")
     for names in (STROKES, LOADS):
-        if sum(given[name] is not None for name in names) != 1:
-            options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
-            raise click.UsageError(f"one of {options} is needed, and one only")
-    stroke, load = operating_point(
-        model, given["engine_speed"], {name: given[name] for name in (*STROKES, *LOADS)}
-    )
-    return Point(stroke, given["engine_speed"], load, given["oil_temperature"])
+        stated = [name for name in names if given[name] is not None]
+        if len(stated) != 1:
+            choices = ", ".join(map(flag, names))
+            raise click.UsageError(f"one of {choices} is needed, and one only")
+    readings = {name: given[name] for name in (*STROKES, *LOADS)}
+    stroke, load = operating_point(model, engine_speed, readings)
+    return Point(stroke, engine_speed, load, given["oil_temperature"])
 
 
 def one_of(what: str, **given: Any) -> None:
     """Raise a usage error where several options are given that do the same."""
-    names = [
-        f"--{name.replace('_', '-')}"
-        for name, value in given.items()
-        if value is not None
-    ]
+    names = [flag(name) for name, value in given.items() if value is not None]
     if len(names) > 1:
         raise click.UsageError(f"{' and '.join(names)} both {what}: give one")
 
@@ -358,40 +354,53 @@ def keep_inputs(inputs: Iterable[str | None], outputs: Iterable[str | None]) -> 
 
 
 def model_from(path: str | None) -> EfficiencyModel:
-    """Load the model asked for, or the shipped one."""
-    return load_model(data_path("params/hm4.yaml") if path is None else path)
+    """Load a model; the shipped one when no path is given."""
+    if path is None:
+        return load_model(data_path("params/hm4.yaml"))
+    return load_model(path)
 
 
 def stage_from(path: str | None, stage: str | None) -> EfficiencyModel:
     """Load the model of one stage; its name may be left out where the file holds one."""
     model = model_from(path)
-    if stage is None and len(model.stages) > 1:
+    if stage is not None:
+        return model.in_stage(stage)
+    if len(model.stages) > 1:
         raise click.UsageError(
             f"{path} holds {', '.join(model.stages)}: --stage is needed"
         )
-    return model if stage is None else model.in_stage(stage)
+    return model
 
 
 def gear_train(
     params: str | None, transmission: str | None, stage: str | None
 ) -> tuple[list[Stage], tuple[Effect, ...]]:
-    """Return the stages of a parameter file and its effects, or the one of a transmission file."""
+    """Return the stages to identify and the effects that act in them.
+
+    Args:
+        params: parameter file, whose stages are all taken.
+        transmission: transmission file, whose stages are all taken unless `stage` names one.
+        stage: name of a stage of the transmission file.
+    """
     if params is None:
-        return [
-            load_stage(transmission or data_path("params/transmission.yaml"), stage)
-        ], ()
+        if transmission is None:
+            path = data_path("params/transmission.yaml")
+            return [load_stage(path, stage)], ()
+        if stage is not None:
+            return [load_stage(transmission, stage)], ()
+        return list(load_stages(transmission)), ()
     if transmission is not None or stage is not None:
         raise click.UsageError(
             "--params holds a gear train: leave --transmission and --stage out"
         )
     model = load_model(params)
-    return [each.stage for each in model.stages.values()], model.effects
+    return [part.stage for part in model.stages.values()], model.effects
 
 
 def note_oil_temperature(
     model: EfficiencyModel, oil_temperature: float | None = None
 ) -> None:
-    """Say on stderr that a temperature given does nothing, or that one is assumed."""
+    """Print on stderr that a given temperature has no effect, or that one is assumed."""
     used = any(effect.acts_at(*OIL_HOOKS) for effect in model.effects)
     if oil_temperature is not None and not used:
         click.echo(
@@ -399,7 +408,7 @@ def note_oil_temperature(
             "changes nothing",
             err=True,
         )
-    elif oil_temperature is None and used:
+    if oil_temperature is None and used:
         click.echo(
             "note: this model depends on the oil temperature; the answer holds at that of "
             "its identification, 60 deg C",
@@ -407,130 +416,31 @@ def note_oil_temperature(
         )
 
 
-def domain_told(
-    model: EfficiencyModel, point: Point, which: str = ""
+def domain_lines(
+    model: EfficiencyModel, point: Point, prefix: str = ""
 ) -> tuple[bool | None, list[str]]:
-    """Tell whether a point lies within the data of the model, and in words where it does not.
+    """Return whether a point lies within the data of the model, and lines where it does not.
 
-    None if the model does not know them.
+    Args:
+        model: states the range of its data, or does not.
+        point: operating point.
+        prefix: put before the first line.
+
+    Returns:
+        True, False, or None if the model does not state the range; lines for people.
     """
     if model.domain is None:
         return None, ["the model does not say what range of data it comes from"]
-    left = [f"  {departure}" for departure in model.domain.departures(*point[:3])]
-    return not left, left and [
-        f"{which}outside the range of the data that the model was identified from:",
-        *left,
+    departures = model.domain.departures(*point[:3])
+    if not departures:
+        return True, []
+    lines = [
+        f"{prefix}outside the range of the data that the model was identified from:"
     ]
+    lines += [f"  {departure}" for departure in departures]
+    return False, lines
 
 
 def print_json(value: Any) -> None:
     """Print plain data as JSON; NaN and infinity become null."""
     click.echo(json.dumps(plain(value), indent=1, allow_nan=False))
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return right-aligned columns."""
-    lines = [list(head), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in lines
-    )
-
-
-def _number(value: float, form: str, unit: str = "") -> str:
-    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
-
-
-def sample_records(
-    model: EfficiencyModel, samples: BenchSamples, numbers: Sequence[int] = ()
-) -> list[dict[str, Any]]:
-    """Return one record per sample; `error` is (predicted - measured) / measured.
-
-    `numbers` are those of the samples in their file; 1, 2, ... when left out.
-    """
-    found = model.predict(*samples.points)
-    columns = {
-        "sample": numbers or range(1, len(samples) + 1),
-        **{axis: getattr(samples, axis).tolist() for axis in AXES},
-        "measured": samples.efficiency.tolist(),
-        "predicted": found.efficiency.tolist(),
-        "standard_error": found.standard_error.tolist(),
-        # None, not false, for a model that does not say what data it comes from.
-        "inside_domain": found.inside_domain.tolist()
-        if model.domain
-        else [None] * len(samples),
-        "error": (
-            (found.efficiency - samples.efficiency) / samples.efficiency
-        ).tolist(),
-    }
-    return [
-        dict(zip(columns, row, strict=True))
-        for row in zip(*columns.values(), strict=True)
-    ]
-
-
-def sample_table(records: Sequence[dict[str, Any]]) -> str:
-    """Return the records as a table; `-` where the model has no answer."""
-    domain = {True: "inside", False: "outside", None: "unknown"}
-    head = (
-        "sample",
-        "ratio [-]",
-        "engine [rad/s]",
-        "load [N m]",
-        "measured",
-        "predicted",
-        "std error",
-        "error",
-        "domain",
-    )
-    return table(
-        head,
-        [
-            (
-                str(entry["sample"]),
-                f"{entry['displacement_ratio']:.3f}",
-                f"{entry['engine_speed']:.2f}",
-                f"{entry['load_torque']:.2f}",
-                f"{entry['measured']:.4f}",
-                _number(entry["predicted"], ".4f"),
-                _number(entry["standard_error"], ".4f"),
-                _number(100 * entry["error"], "+.2f", " %"),
-                domain[entry["inside_domain"]],
-            )
-            for entry in records
-        ],
-    )
-
-
-class Progress(AbstractContextManager["Progress"]):
-    """A line on stderr for work that takes over two seconds.
-
-    On a terminal only, unless `every` so many seconds a line is told elsewhere too.
-    """
-
-    def __init__(self, what: str, every: float = math.inf) -> None:
-        self.what, self.every, self.shown = what, every, False
-        self.start = self.told = time.monotonic()
-
-    def seconds(self) -> float:
-        """Return how long the work has taken."""
-        return time.monotonic() - self.start
-
-    def __call__(self, text: str) -> None:
-        """Show how far the work is."""
-        if sys.stderr.isatty():
-            if self.seconds() > _QUIET:
-                click.echo(f"\r\033[K{self.what}: {text}", err=True, nl=False)
-                self.shown = True
-        elif time.monotonic() - self.told > self.every:
-            self.told = time.monotonic()
-            click.echo(f"{self.what}: {text}", err=True)
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Clear the line."""
-        if self.shown:
-            click.echo("\r\033[K", err=True, nl=False)

@@ -3,6 +3,8 @@
 
 import math
 import os
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,11 @@ from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
 from . import common
 from .common import Answer
 
-_SOME_BROKEN = 3  # exit code
-_REPORT_EVERY = 60.0  # seconds between lines on a stderr that is no terminal
+SOME_BROKEN = 3
+"""Exit code when the fleet is done but some logs are broken."""
+
+REPORT_EVERY = 60.0
+"""Seconds between lines of progress where stderr is no terminal [s]."""
 
 
 @common.command(
@@ -26,6 +31,7 @@ _REPORT_EVERY = 60.0  # seconds between lines on a stderr that is no terminal
   hmcvt fleet logs --out fitted --scheduler tcp://10.0.0.5:8786""",
     common.noise_option,
     common.model_options,
+    common.effects_passed_on_option,
     common.seed_option,
 )
 @click.argument("logs", metavar="LOGS_DIR")
@@ -70,6 +76,7 @@ def command(
     params: str | None,
     transmission: str | None,
     stage: str | None,
+    effects: tuple[str, ...],
     gears: list[float],
     formulation: str,
     seed: int,
@@ -78,53 +85,73 @@ def command(
 
     Finished logs are skipped when the command is run again; a broken log does not stop the rest.
     """
-    # Refused: options that would be ignored or contradict each other.
     common.one_of("say where to work", processes=processes, scheduler=scheduler)
     if no_diagnose and noise is not None:
         raise click.UsageError(
             "--noise is for the diagnosis, --no-diagnose leaves it out"
         )
-    stages, effects = common.gear_train(params, transmission, stage)
+    stages, fixed_effects = common.gear_train(params, transmission, stage)
     settings = Settings(
-        tuple(stages),
-        formulation,
-        effects,
-        not no_diagnose,
-        noise,
-        seed,
-        tuple(gears) or (None,),
+        stages=tuple(stages),
+        formulation=formulation,
+        effects=fixed_effects,
+        diagnosed=not no_diagnose,
+        noise=noise,
+        seed=seed,
+        gear_efficiencies=tuple(gears) or (None,),
+        effect_sources=_absolute(effects),
     )
-    place = (
-        Processes(processes or _cores()) if scheduler is None else on_cluster(scheduler)
-    )
-    counter = _Counter("fleet", _REPORT_EVERY)
-    with counter:
-        found = run(Path(logs), Path(out), settings, place, counter.count)
-    return Answer(found, [_report(found)], _SOME_BROKEN if found["broken"] else 0)
+    executor: AbstractContextManager[Executor]
+    if scheduler is None:  # noqa: SIM108 - two kinds of executor
+        executor = Processes(processes or _cores())
+    else:
+        executor = on_cluster(scheduler)
+    with _Counter("fleet", REPORT_EVERY) as counter:
+        summary = run(Path(logs), Path(out), settings, executor, counter.count)
+    code = SOME_BROKEN if summary["broken"] else 0
+    return Answer(summary, [_report(summary)], code)
+
+
+def _absolute(sources: tuple[str, ...]) -> tuple[str, ...]:
+    """Return sources of effects that mean the same in a process started elsewhere."""
+    absolute = []
+    for source in sources:
+        is_file = source.endswith(".py")
+        absolute.append(str(Path(source).resolve()) if is_file else source)
+    return tuple(absolute)
 
 
 class _Counter(common.Progress):
-    """Tells on stderr how far the fleet is, and at once which log is broken."""
+    """Shows on stderr how far the fleet is, and each broken log at once."""
 
-    finished = broken = 0
+    finished = 0
+    broken = 0
+
+    def __enter__(self) -> "_Counter":
+        return self
 
     def count(self, entry: Entry, logs: int) -> None:
-        """Count one of so many logs."""
+        """Count one log.
+
+        Args:
+            entry: record of the log.
+            logs: number of logs of this run.
+        """
         if "error" in entry:
             self.broken += 1
             super().close()
             click.echo(f"hmcvt: broken: {entry['error']}", err=True)
         else:
             self.finished += 1
-        gone = self.finished + self.broken
-        left = self.seconds() / gone * (logs - gone)
+        done = self.finished + self.broken
+        seconds_left = self.seconds() / done * (logs - done)
         self(
-            f"{gone} of {logs} logs, {self.broken} broken, "
-            f"about {math.ceil(left / 60.0)} min left"
+            f"{done} of {logs} logs, {self.broken} broken, "
+            f"about {math.ceil(seconds_left / 60.0)} min left"
         )
 
     def close(self) -> None:
-        """Tell the rate reached."""
+        """Show the rate reached."""
         super().close()
         if self.finished:
             seconds = self.seconds()
@@ -135,9 +162,10 @@ class _Counter(common.Progress):
             )
 
 
-def _report(found: dict[str, Any]) -> str:
+def _report(summary: dict[str, Any]) -> str:
+    """Return the summary of a fleet as text."""
     parts = []
-    if found["logs"]:
+    if summary["logs"]:
         head = (
             "log",
             "leakage [m3/(s Pa)]",
@@ -148,54 +176,66 @@ def _report(found: dict[str, Any]) -> str:
             "leading cause",
             "outlier (z)",
         )
-        parts += [common.table(head, map(_row, found["logs"])), _fleet(found["fleet"])]
-    if found["broken"]:
-        parts.append(
-            "\n".join(["broken", *(f"  {entry['error']}" for entry in found["broken"])])
-        )
-    counts = found["counts"]
+        parts.append(common.table(head, map(_row, summary["logs"])))
+        parts.append(_quantity_table(summary["fleet"]))
+    if summary["broken"]:
+        lines = ["broken"]
+        lines += [f"  {entry['error']}" for entry in summary["broken"]]
+        parts.append("\n".join(lines))
+    parts.append(_count_lines(summary["counts"]))
+    return "\n\n".join(parts)
+
+
+def _count_lines(counts: dict[str, Any]) -> str:
     lines = [
         f"{counts['logs']} logs: {counts['finished_now']} finished now, "
         f"{counts['finished_before']} before, {counts['broken']} broken; "
         f"{counts['outliers']} outliers"
     ]
-    lines += [
-        f"{kind}: "
-        + ", ".join(f"{word} {count}" for word, count in counts[kind].items())
-        for kind in ("verdicts", "causes")
-        if counts[kind]
-    ]
-    return "\n\n".join([*parts, "\n".join(lines)])
+    for kind in ("verdicts", "causes"):
+        if counts[kind]:
+            numbers = [f"{word} {count}" for word, count in counts[kind].items()]
+            lines.append(f"{kind}: {', '.join(numbers)}")
+    return "\n".join(lines)
 
 
 def _row(log: Entry) -> tuple[str, ...]:
-    cause = (
-        "-"
-        if log["cause"] is None
-        else f"{log['cause']} ({100 * log['probability']:.0f} %)"
-    )
-    leakage, *dampings = (entry["value"] for entry in log["parameters"].values())
+    """Return the cells of one log."""
+    values = {name: entry["value"] for name, entry in log["parameters"].items()}
+    cause = "-"
+    if log["cause"] is not None:
+        cause = f"{log['cause']} ({100 * log['probability']:.0f} %)"
+    gap = "-"
+    if log[GAP] is not None:
+        gap = f"{100 * log[GAP]:.2f}"
+    outlier = ", ".join(f"{name} {log['z'][name]:+.1f}" for name in log["outlier"])
     return (
         log["log"],
-        f"{leakage:.3e}",
-        *(f"{damping:.4f}" for damping in dampings),
-        "-" if log[GAP] is None else f"{100 * log[GAP]:.2f}",
+        f"{values['leakage']:.3e}",
+        f"{values['motor_damping']:.4f}",
+        f"{values['pump_damping']:.4f}",
+        gap,
         log["verdict"] or "-",
         cause,
-        ", ".join(f"{name} {log['z'][name]:+.1f}" for name in log["outlier"]) or "-",
+        outlier or "-",
     )
 
 
-def _fleet(quantities: dict[str, dict[str, Any]]) -> str:
+def _quantity_table(quantities: dict[str, dict[str, Any]]) -> str:
+    """Return median and scatter of each quantity over the fleet."""
     rows = []
     for name, entry in quantities.items():
-        factor, unit = (100.0, "points") if name == GAP else (1.0, entry["unit"])
-        scatter = "decades" if entry["scale"] == "log10" else unit
+        factor = 1.0
+        unit = entry["unit"]
+        if name == GAP:
+            factor = 100.0
+            unit = "points"
+        scatter_unit = "decades" if entry["scale"] == "log10" else unit
         rows.append(
             (
                 name,
                 f"{factor * entry['median']:.4g} {unit}",
-                f"{factor * entry['deviation']:.3g} {scatter}",
+                f"{factor * entry['deviation']:.3g} {scatter_unit}",
                 "yes" if entry["judged"] else "no",
             )
         )
@@ -207,7 +247,7 @@ def _fleet(quantities: dict[str, dict[str, Any]]) -> str:
 
 
 def _cores() -> int:
-    """Cores that this process may use, which in a container are fewer than there are."""
+    """Return the cores that this process may use; a container may allow fewer than exist."""
     if hasattr(os, "sched_getaffinity"):  # Linux
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -9,13 +9,14 @@ import click
 from ..benches import transmission
 from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
-from ..diagnosis.results import text as words
 from ..files.bench import BenchSamples, read_bench
-from ..files.units import AXES, KINDS, read_unit
+from ..files.units import AXES, KINDS, UnitSamples, read_unit
 from ..model.parameter_file import save_model
 from ..monitoring import FALSE_ALARMS
 from ..monitoring import watch as watch_samples
-from ..report import write_html
+from ..report import write_report
+from ..report.gap_map import draw_gap
+from ..report.pictures import save
 from . import common
 from .common import Answer
 
@@ -31,10 +32,12 @@ OPEN = 4
     """
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
+  hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
     common.params_option,
     common.noise_option,
     common.report_option,
+    common.picture_option,
     common.seed_option,
 )
 @click.argument("bench", metavar="BENCH.csv")
@@ -56,45 +59,49 @@ def diagnose(
     holdout: str | None,
     noise: float | None,
     report: str | None,
+    picture: str | None,
     saved: str | None,
     seed: int,
 ) -> Answer:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
-    common.keep_inputs([bench, holdout], [report, saved])
-    common.keep_inputs([params], [report])
-    model, samples = common.model_from(params), read_bench(bench)
-    held = None if holdout is None else read_bench(holdout)
+    common.keep_inputs([bench, holdout], [report, picture, saved])
+    common.keep_inputs([params], [report, picture])
+    model = common.model_from(params)
+    samples = read_bench(bench)
+    held_out = None if holdout is None else read_bench(holdout)
     with common.Progress("diagnosis") as progress:
-        found = transmission.diagnose(
-            model, samples, held, noise=noise, seed=seed, progress=progress
+        diagnosis = transmission.diagnose(
+            model, samples, held_out, noise=noise, seed=seed, progress=progress
         )
     lines = []
     if saved is not None:
-        save_model(found.model, saved)
-        lines.append(f"model{_added(found)} written to {saved}")
-    return _told(found, report, lines)
+        save_model(diagnosis.model, saved)
+        lines.append(f"model{_added_effects(diagnosis)} written to {saved}")
+    if picture is not None:
+        save(draw_gap, picture, diagnosis)
+        lines.append(f"picture written to {picture}")
+    return _answer(diagnosis, report, lines)
 
 
-def _told(
-    found: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]
+def _answer(
+    diagnosis: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]
 ) -> Answer:
-    """Tell a diagnosis, and write its page where asked."""
+    """Return the answer of a diagnosis, and write its report where one is asked for."""
     if report is not None:
-        write_html(found, report)
+        write_report(diagnosis, report)
         lines = [*lines, f"report written to {report}"]
-    return Answer(found.to_dict(), [found.report(), *lines])
+    return Answer(diagnosis.to_dict(), [diagnosis.report(), *lines])
 
 
-def _added(found: Diagnosis) -> str:
-    if found.model is found.base:
+def _added_effects(diagnosis: Diagnosis) -> str:
+    """Return in words which effects the saved model holds."""
+    if diagnosis.model is diagnosis.base:
         return ""
-    leading = found.sets[0]
-    sure = (
-        ""
-        if found.verdict == "cause_found"
-        else f" ({100 * leading.probability:.0f} %, not certain)"
-    )
-    return f" with {' and '.join(leading.effects)}{sure}"
+    leading = diagnosis.sets[0]
+    words = f" with {' and '.join(leading.effects)}"
+    if diagnosis.verdict != "cause_found":
+        words += f" ({100 * leading.probability:.0f} %, not certain)"
+    return words
 
 
 @common.command(
@@ -104,6 +111,7 @@ def _added(found: Diagnosis) -> str:
   hmcvt next bench.csv --limits plan.csv --json""",
     common.params_option,
     common.noise_option,
+    common.seed_option,
 )
 @click.argument("bench", metavar="BENCH.csv")
 @click.option(
@@ -112,15 +120,17 @@ def _added(found: Diagnosis) -> str:
     help="The tests that can be run; the working range when left out.",
 )
 def next_test(
-    bench: str, params: str | None, noise: float | None, limits: str | None
+    bench: str, params: str | None, noise: float | None, limits: str | None, seed: int
 ) -> Answer:
     """Choose the next bench test, the one that tells most about the gap, or say why to stop."""
     model = common.model_from(params)
-    possible = None if limits is None else transmission.read_plan(limits, model)
-    found = transmission.next_test(
-        model, read_bench(bench), noise=noise, possible=possible
+    possible = None
+    if limits is not None:
+        possible = transmission.read_plan(limits, model)
+    advice = transmission.next_test(
+        model, read_bench(bench), noise=noise, possible=possible, seed=seed
     )
-    return Answer(found.to_dict(), [words.advice(found)])
+    return Answer(advice.to_dict(), [advice.report()])
 
 
 @common.command(
@@ -140,19 +150,27 @@ def next_test(
 )
 @click.option("--matrix", is_flag=True, help="Print every pair as a number too.")
 def separable(
-    plan: str, noise: float | None, matrix: bool, params: str | None, **asked: bool
+    plan: str,
+    noise: float | None,
+    matrix: bool,
+    params: str | None,
+    output_speed: bool,
+    pressure: bool,
 ) -> Answer:
-    """Tell which effects a test plan can show and tell apart, before any test is run.
+    """Report which effects a test plan can show and distinguish, before any test is run.
 
     PLAN.csv needs displacement_ratio, engine_speed and load_torque; an efficiency in it is not
     used. Column oil_temperature counts as read, columns output_speed and pressure too.
     """
     model = common.model_from(params)
-    channels = [name for name, wanted in asked.items() if wanted]
-    found = transmission.separable(
-        model, transmission.read_plan(plan, model, channels), noise=noise
-    )
-    return Answer(found.to_dict(), [found.report(matrix)])
+    channels = []
+    if output_speed:
+        channels.append("output_speed")
+    if pressure:
+        channels.append("pressure")
+    points = transmission.read_plan(plan, model, channels)
+    isolability = transmission.separable(model, points, noise=noise)
+    return Answer(isolability.to_dict(), [isolability.report(matrix)])
 
 
 @common.command(
@@ -175,24 +193,32 @@ def separable(
 def watch(
     samples: str, params: str | None, noise: float | None, false_alarms: float
 ) -> Answer:
-    """Tell whether a gap has opened between model and bench, since when and how large.
+    """Report whether a gap has opened between model and bench, since when and how large.
 
     SAMPLES is a bench file, or a bag where hmcvt_ros is installed; its samples are taken one by
     one, by their stamps where they have any. Exit code 4 when a gap has opened, else 0.
     """
     model = common.model_from(params)
-    found = watch_samples(model, _read(samples), noise=noise, false_alarms=false_alarms)
-    return Answer(found.to_dict(), [found.report()], OPEN if found.open else 0)
+    opening = watch_samples(
+        model, _read(samples), noise=noise, false_alarms=false_alarms
+    )
+    code = OPEN if opening.open else 0
+    return Answer(opening.to_dict(), [opening.report()], code)
 
 
 def _read(path: str) -> BenchSamples:
-    kind = "folder" if Path(path).is_dir() else Path(path).suffix.removeprefix(".")
-    reader = next(iter(entry_points(group=READERS, name=kind)), None)
-    found: BenchSamples = read_bench(path) if reader is None else reader.load()(path)
-    return found
+    """Read bench samples with the reader that is installed for the kind of file."""
+    kind = Path(path).suffix.removeprefix(".")
+    if Path(path).is_dir():
+        kind = "folder"
+    for entry in entry_points(group=READERS, name=kind):
+        samples: BenchSamples = entry.load()(path)
+        return samples
+    return read_bench(path)
 
 
 def _band(text: str) -> tuple[str, float]:
+    """Read an axis and a part of its range, such as pressure=0.7."""
     axis, _, part = text.partition("=")
     if axis not in AXES:
         raise click.BadParameter(
@@ -262,18 +288,17 @@ def unit(
     common.one_of("choose what is held out", holdout=holdout, above=above)
     common.keep_inputs([table, holdout], [report, into])
     samples = read_unit(table, kind=kind, unit=name, noise=noise)
-    held = (
-        None
-        if holdout is None
-        else read_unit(holdout, kind=samples.kind, unit=name, noise=noise)
-    )
+    held_out: UnitSamples | None = None
+    if holdout is not None:
+        held_out = read_unit(holdout, kind=samples.kind, unit=name, noise=noise)
     if above is not None:
-        samples, held = samples.divided(*above)
+        samples, held_out = samples.divided(*above)
+    # Loaded first, so that a wrong file is refused before the work.
     model = None if into is None else common.model_from(into)
     with common.Progress("diagnosis") as progress:
-        found = diagnose_unit(samples, held, seed=seed, progress=progress)
+        diagnosis = diagnose_unit(samples, held_out, seed=seed, progress=progress)
     lines = []
     if into is not None and model is not None:
-        save_model(put_into(model, found), into)
+        save_model(put_into(model, diagnosis), into)
         lines.append(f"{samples.kind} written into {into}")
-    return _told(found, report, lines)
+    return _answer(diagnosis, report, lines)

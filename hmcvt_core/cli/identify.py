@@ -1,6 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt identify`."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import click
 import numpy as np
 
@@ -12,25 +15,29 @@ from ..identification.refit import refit
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
 from ..report.pictures import draw_fit, save
+from ..transmission.stage import Stage
 from . import common
 from .common import Answer
 
-_MOST_SAMPLES = 1_000_000
+MOST_SAMPLES = 1_000_000
+"""Highest sample number that --fit accepts: a larger range is a typing error."""
 
 
 def _sample_numbers(text: str) -> list[int]:
+    """Read sample numbers such as 1,2,4-6."""
     numbers: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         try:
-            low, high = int(first), int(last if dash else first)
+            low = int(first)
+            high = int(last) if dash else low
         except ValueError:
             raise click.BadParameter(
                 f"{text!r} is not a list of sample numbers such as 1,2,4-6"
             ) from None
-        if not 1 <= low <= high <= _MOST_SAMPLES:
+        if not 1 <= low <= high <= MOST_SAMPLES:
             raise click.BadParameter(
-                f"{part!r}: sample numbers count up from 1 to at most {_MOST_SAMPLES}"
+                f"{part!r}: sample numbers count up from 1 to at most {MOST_SAMPLES}"
             )
         numbers += range(low, high + 1)
     if len(set(numbers)) != len(numbers):
@@ -100,126 +107,163 @@ def command(
 ) -> Answer:
     """Identify leakage and dampings from bench samples.
 
-    Improved simulated annealing looks for the valley, a local search finishes it.
+    Improved simulated annealing finds the valley, a local search finishes it. Of a transmission
+    file with several stages all are taken, and BENCH.csv names the stage of each sample in column
+    stage; --stage restricts the fit to one.
     """
     common.one_of("choose the samples", fit=fit, hold_back=hold_back)
     common.keep_inputs([bench, transmission, params], [out, picture])
     samples = read_bench(bench)
     if refine:
-        if params is None or any(
-            (fit, hold_back, gears, noise, picture, transmission, stage)
-        ):
+        others = (fit, hold_back, gears, noise, picture, transmission, stage)
+        if params is None or any(others):
             raise click.UsageError(
                 "--refine goes with --params, --out, --seed and --json alone"
             )
         return _refined(samples, common.model_from(params), out, seed)
-    if fit is None:
-        held_count = (
-            0
-            if hold_back is None
-            else min(len(samples) - 1, max(1, round(hold_back * len(samples))))
-        )
-        order = np.random.default_rng(seed).permutation(len(samples)) + 1
-        fit = sorted(order[held_count:].tolist())
-    elif max(fit) > len(samples):
-        raise InputError(
-            f"--fit names sample {max(fit)}; {samples.source} holds {len(samples)}"
-        )
-    rest = sorted({*range(1, len(samples) + 1)}.difference(fit))
-    fitted = samples.select(np.array(fit) - 1)
-    held = samples.select(np.array(rest) - 1) if rest else None
-    train, _ = common.gear_train(params, transmission, stage)
+
+    fitted_numbers = _fitted_numbers(samples, fit, hold_back, seed)
+    all_numbers = range(1, len(samples) + 1)
+    held_numbers = sorted(set(all_numbers).difference(fitted_numbers))
+    fitted = samples.select(np.array(fitted_numbers) - 1)
+    held = samples.select(np.array(held_numbers) - 1) if held_numbers else None
+    stages, _ = common.gear_train(params, transmission, stage)
+    stages = _occurring(stages, samples)
+
+    tried = []
     with common.Progress("annealing") as progress:
 
         def show(run: AnnealingRun) -> None:
             progress(f"step {len(run.history)}, objective {run.value:.6g}")
 
-        found = [
-            identify(
-                fitted,
-                stage=train,
-                formulation=formulation,
-                gear_efficiency=value,
-                holdout=held,
-                noise=noise,
-                seed=seed,
-                progress=show,
+        for gear_efficiency in gears or (None,):
+            tried.append(
+                identify(
+                    fitted,
+                    stage=stages,
+                    formulation=formulation,
+                    gear_efficiency=gear_efficiency,
+                    holdout=held,
+                    noise=noise,
+                    seed=seed,
+                    progress=show,
+                )
             )
-            for value in gears or (None,)
-        ]
-
-    records = [
-        [] if held is None else common.sample_records(item.model, held, rest)
-        for item in found
-    ]
-    best = min(found, key=lambda item: item.objective)
+    best = min(tried, key=lambda result: result.objective)
     if out is not None:
         best.save(out)
     if picture is not None:
         save(draw_fit, picture, best, held)
-    lines = (
-        [best.report(fit)]
-        if len(found) == 1
-        else [_comparison(found), best.report(fit)]
-    )
-    if held is not None:
-        lines += ["held back:", common.sample_table(records[found.index(best)])]
+    return _answer(tried, best, fitted_numbers, held, held_numbers, out)
+
+
+def _fitted_numbers(
+    samples: BenchSamples, fit: list[int] | None, hold_back: float | None, seed: int
+) -> list[int]:
+    """Return the numbers of the samples to fit, counted from 1."""
+    count = len(samples)
+    if fit is not None:
+        if max(fit) > count:
+            raise InputError(
+                f"--fit names sample {max(fit)}; {samples.source} holds {count}"
+            )
+        return fit
+    held_count = 0
+    if hold_back is not None:
+        held_count = min(count - 1, max(1, round(hold_back * count)))
+    order = np.random.default_rng(seed).permutation(count) + 1
+    return sorted(order[held_count:].tolist())
+
+
+def _occurring(stages: Sequence[Stage], samples: BenchSamples) -> list[Stage]:
+    """Put the stages of the samples first, in the order in which the file lists them.
+
+    The first stage names the model where only one is shown.
+    """
+    names = samples.points.stage
+    if names is None:
+        return list(stages)
+    present = set(names.tolist())
+    return sorted(stages, key=lambda stage: stage.name not in present)
+
+
+def _answer(
+    tried: Sequence[Identification],
+    best: Identification,
+    fitted_numbers: list[int],
+    held: BenchSamples | None,
+    held_numbers: list[int],
+    out: str | None,
+) -> Answer:
+    lines = []
+    if len(tried) > 1:
+        lines.append(_comparison(tried))
+    lines.append(best.report(fitted_numbers))
+    values: list[dict[str, Any]] = []
+    for result in tried:
+        records = []
+        if held is not None:
+            records = common.sample_records(result.model, held, held_numbers)
+            if result is best:
+                lines += ["held back:", common.sample_table(records)]
+        values.append({**result.to_dict(), "held_back": records})
     if out is not None:
         lines.append(f"written to {out}")
-    tried = [
-        {**item.to_dict(), "held_back": each}
-        for item, each in zip(found, records, strict=True)
-    ]
-    return Answer(
-        {"best": tried[found.index(best)], "tried": tried} if tried[1:] else tried[0],
-        lines,
-    )
+    if len(tried) == 1:
+        return Answer(values[0], lines)
+    return Answer({"best": values[tried.index(best)], "tried": values}, lines)
 
 
 def _refined(
     samples: BenchSamples, prior: EfficiencyModel, out: str | None, seed: int
 ) -> Answer:
-    """Refit a model to samples with itself as prior, and tell."""
-    found = refit(samples, prior, prior, seed=seed)
+    """Refit a model to samples with itself as prior."""
+    result = refit(samples, prior, prior, seed=seed)
     if out is not None:
-        if found.refused:
-            raise IdentificationError(f"{out}: not written: {found.refused}")
-        save_model(found.model, out)
-    parameters = found.model.parameters.to_mapping(found.model.standard_errors)
-    notes = [*found.kept, *found.warnings, *filter(None, [found.refused])]
-    return Answer(
-        {
-            "parameters": parameters,
-            "error_before": found.error_before,
-            "error_after": found.error_after,
-            "refused": found.refused or None,
-            "notes": notes,
-        },
-        [
-            *(
-                "{} = {value:.4g} +- {standard_error:.2g} {unit}".format(name, **entry)
-                for name, entry in parameters.items()
-            ),
-            f"mean error {100 * found.error_before:.2f} % before, "
-            f"{100 * found.error_after:.2f} % refined",
-            *(f"note: {note}" for note in notes),
-        ],
+        if result.refused:
+            raise IdentificationError(f"{out}: not written: {result.refused}")
+        save_model(result.model, out)
+    parameters = result.model.parameters.to_mapping(result.model.standard_errors)
+    notes = [*result.kept, *result.warnings]
+    if result.refused:
+        notes.append(result.refused)
+    lines = []
+    for name, entry in parameters.items():
+        lines.append(
+            f"{name} = {entry['value']:.4g} +- {entry['standard_error']:.2g} "
+            f"{entry['unit']}"
+        )
+    lines.append(
+        f"mean error {100 * result.error_before:.2f} % before, "
+        f"{100 * result.error_after:.2f} % refined"
     )
+    lines += [f"note: {note}" for note in notes]
+    value = {
+        "parameters": parameters,
+        "error_before": result.error_before,
+        "error_after": result.error_after,
+        "refused": result.refused or None,
+        "notes": notes,
+    }
+    return Answer(value, lines)
 
 
-def _comparison(found: list[Identification]) -> str:
-    head = ("gear efficiency", found[0].objective_name, "fit error", "prediction error")
-    return common.table(
-        head,
-        [
+def _comparison(tried: Sequence[Identification]) -> str:
+    """Return a table of the gear efficiencies compared."""
+    objective = tried[0].objective_name
+    rows = []
+    for result in tried:
+        prediction = ""
+        if result.prediction_error is not None:
+            prediction = f"{100 * result.prediction_error:.2f} %"
+        rows.append(
             (
-                f"{item.model.stage.gear_pairs[0].efficiency:g}",
-                f"{item.objective:.6g}",
-                f"{100 * item.fit_error:.2f} %",
-                ""
-                if item.prediction_error is None
-                else f"{100 * item.prediction_error:.2f} %",
+                f"{result.model.stage.gear_pairs[0].efficiency:g}",
+                f"{result.objective:.6g}",
+                f"{100 * result.fit_error:.2f} %",
+                prediction,
             )
-            for item in found
-        ],
+        )
+    return common.table(
+        ("gear efficiency", objective, "fit error", "prediction error"), rows
     )

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -17,7 +17,9 @@ from ..files.table import csv_text
 from ..model.domain import AXES
 from ..model.engine import load_engine
 from ..model.model import EfficiencyModel
-from ..report.pictures import draw_drive_line, draw_surface, save
+from ..model.optimum import DriveOptimum
+from ..report.drive_line import draw_drive_line
+from ..report.pictures import draw_surface, save
 from ..transmission.ranges import (
     ENGINE_SPEED,
     ENGINE_SPEED_LIMITS,
@@ -28,8 +30,21 @@ from ..transmission.ranges import (
 from . import common
 from .common import Answer
 
-_MOST_POINTS = 2_000_000
-_PICTURE_POWER, _DRIVE_POWER = 40_000.0, 100_000.0
+MOST_POINTS = 2_000_000
+"""Points of a map: more would not fit into the memory of a small machine."""
+
+PICTURE_POWER = 40_000.0
+"""Output power of the picture of one stage when none is given [W]."""
+
+DRIVE_POWER = 100_000.0
+"""Highest output power of the drive line when none is given [W]."""
+
+
+class _Output(NamedTuple):
+    """Files that the command writes, None where left out."""
+
+    table: str | None
+    picture: str | None
 
 
 @common.command(
@@ -112,6 +127,7 @@ def command(
     With --output-speed: the best working points of the drive line over output speed and power.
     """
     common.keep_inputs([bench, params, engine], [out, picture])
+    output = _Output(out, picture)
     if output_speed is not None:
         if stage is not None or bench is not None:
             raise click.UsageError(
@@ -122,11 +138,10 @@ def command(
         return _drive_line(
             common.model_from(params),
             engine,
-            (output_speed, power or _DRIVE_POWER),
-            steps[:2],
+            np.linspace(output_speed / steps[0], output_speed, steps[0]),
+            _powers(power or DRIVE_POWER, steps[1]),
             engine_speed_limits,
-            out,
-            picture,
+            output,
         )
     if engine is not None:
         raise click.UsageError(
@@ -136,104 +151,111 @@ def command(
         raise click.UsageError(
             "--power and --bench are of a picture: --picture is needed"
         )
-    points = math.prod(steps)
-    if points > _MOST_POINTS:
-        raise InputError(f"--steps gives {points} points; at most {_MOST_POINTS}")
-    # Before the grid is made: NumPy would warn of infinity rather than refuse it.
+    if math.prod(steps) > MOST_POINTS:
+        raise InputError(
+            f"--steps gives {math.prod(steps)} points; at most {MOST_POINTS}"
+        )
+    # Checked before the grid is made: NumPy would only warn of infinity.
     ENGINE_SPEED.check(engine_speed_limits, "--engine-speed-limits")
     LOAD_TORQUE.check(load_torque_limits, "--load-torque-limits")
     model = common.stage_from(params, stage)
     common.note_oil_temperature(model)
     if picture is not None:
+        shown_power = PICTURE_POWER if power is None else power
+        _check_power(shown_power, engine_speed_limits)
         samples = None if bench is None else read_bench(bench)
-        shown = _PICTURE_POWER if power is None else power
-        for speed in engine_speed_limits:
-            if not LOAD_TORQUE.contains(shown / speed):
-                raise InputError(
-                    f"--power {1e-3 * shown:g}kW at {speed / RPM:.0f} r/min is a load "
-                    f"torque of {shown / speed:.4g} N m; allowed {LOAD_TORQUE}"
-                )
-        save(draw_surface, picture, model, shown, engine_speed_limits, samples)
-    found = model.efficiency_map(
+        save(draw_surface, picture, model, shown_power, engine_speed_limits, samples)
+    return _one_stage(
+        model,
         np.linspace(-1.0, 1.0, steps[0]),
         np.linspace(*engine_speed_limits, steps[1]),
         np.linspace(*load_torque_limits, steps[2]),
+        output,
     )
-    value = asdict(found)
-    columns = {
-        name: [f"{each:.6g}" for each in grid.ravel()]
-        for name, grid in zip(
-            AXES,
-            np.meshgrid(*(value[axis] for axis in AXES), indexing="ij"),
-            strict=True,
-        )
-    }
-    # An empty cell: the load cannot be carried there.
-    columns["efficiency"] = [
-        f"{each:.6f}" if np.isfinite(each) else "" for each in found.efficiency.ravel()
-    ]
-    columns["inside_domain"] = (
-        [""] * points
-        if found.inside_domain is None
-        else [str(each).lower() for each in found.inside_domain.ravel()]
-    )
-    return _written(value, columns, out, picture)
+
+
+def _powers(highest: float, count: int) -> Any:
+    return np.linspace(highest / count, highest, count)
+
+
+def _check_power(power: float, engine_speed_limits: tuple[float, float]) -> None:
+    for speed in engine_speed_limits:
+        if not LOAD_TORQUE.contains(power / speed):
+            raise InputError(
+                f"--power {1e-3 * power:g}kW at {speed / RPM:.0f} r/min is a load "
+                f"torque of {power / speed:.4g} N m; allowed {LOAD_TORQUE}"
+            )
+
+
+def _one_stage(
+    model: EfficiencyModel, strokes: Any, speeds: Any, loads: Any, output: _Output
+) -> Answer:
+    """Compute and write the efficiency map of one stage."""
+    grid = model.efficiency_map(strokes, speeds, loads)
+    value = asdict(grid)
+    coordinates = np.meshgrid(*(value[axis] for axis in AXES), indexing="ij")
+    columns = {}
+    for name, values in zip(AXES, coordinates, strict=True):
+        columns[name] = [f"{number:.6g}" for number in values.ravel()]
+    # The cell is empty where the load cannot be carried.
+    efficiencies = []
+    for efficiency in grid.efficiency.ravel():
+        efficiencies.append(f"{efficiency:.6f}" if np.isfinite(efficiency) else "")
+    columns["efficiency"] = efficiencies
+    if grid.inside_domain is None:
+        columns["inside_domain"] = [""] * len(efficiencies)
+    else:
+        columns["inside_domain"] = [
+            str(inside).lower() for inside in grid.inside_domain.ravel()
+        ]
+    return _written(value, columns, output)
 
 
 def _drive_line(
     model: EfficiencyModel,
-    engine: str | None,
-    highest: tuple[float, float],
-    steps: tuple[int, int],
-    limits: tuple[float, float],
-    out: str | None,
-    picture: str | None,
+    engine_path: str | None,
+    speeds: Any,
+    powers: Any,
+    engine_speed_limits: tuple[float, float],
+    output: _Output,
 ) -> Answer:
-    """Best working points over output speeds and powers up to the highest."""
-    with_engine = None if engine is None else load_engine(engine)
-    speeds, powers = (
-        np.linspace(top / count, top, count)
-        for top, count in zip(highest, steps, strict=True)
-    )
-    best = [
-        [
-            model.optimal_drive(
-                speed, power, engine=with_engine, engine_speed_limits=limits
+    """Compute and write the best working points over output speeds and powers."""
+    engine = None if engine_path is None else load_engine(engine_path)
+    best: list[list[DriveOptimum]] = []
+    rows = []
+    for power in powers.tolist():
+        line = []
+        for speed in speeds.tolist():
+            optimum = model.optimal_drive(
+                speed, power, engine=engine, engine_speed_limits=engine_speed_limits
             )
-            for speed in speeds.tolist()
-        ]
-        for power in powers.tolist()
-    ]
-    if picture is not None:
-        save(draw_drive_line, picture, speeds, powers, best)
-    rows = [
-        {"output_speed": speed, "output_power": power, **asdict(point)}
-        for power, row in zip(powers.tolist(), best, strict=True)
-        for speed, point in zip(speeds.tolist(), row, strict=True)
-    ]
-    # An empty cell: nothing holds the demand there.
-    return _written(
-        rows,
-        {
-            name: ["" if row[name] != row[name] else row[name] for row in rows]
-            for name in rows[0]
-        },
-        out,
-        picture,
-    )
+            line.append(optimum)
+            rows.append(
+                {"output_speed": speed, "output_power": power, **asdict(optimum)}
+            )
+        best.append(line)
+    if output.picture is not None:
+        save(draw_drive_line, output.picture, speeds, powers, best, model, engine)
+    # A cell is empty where nothing holds the demand.
+    columns = {}
+    for name in rows[0]:
+        columns[name] = [_cell(row[name]) for row in rows]
+    return _written(rows, columns, output)
+
+
+def _cell(value: Any) -> Any:
+    is_missing = isinstance(value, float) and math.isnan(value)
+    return "" if is_missing else value
 
 
 def _written(
-    value: Any,
-    columns: Mapping[str, Sequence[Any]],
-    out: str | None,
-    picture: str | None,
+    value: Any, columns: Mapping[str, Sequence[Any]], output: _Output
 ) -> Answer:
-    """Write a map as CSV, or say where its picture is, or show the CSV."""
-    if out is None and picture is not None:
-        return Answer(value, [f"written to {picture}"])
+    """Write a map as CSV; without a file for it, print the CSV unless there is a picture."""
+    if output.table is None and output.picture is not None:
+        return Answer(value, [f"written to {output.picture}"])
     text = csv_text(columns)
-    if out is None:
+    if output.table is None:
         return Answer(value, [text.rstrip("\n")])
-    write_atomically(Path(out), text)
+    write_atomically(Path(output.table), text)
     return Answer(value)

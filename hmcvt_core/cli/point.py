@@ -12,15 +12,17 @@ from ..files.bench import read_bench
 from ..model.agreement import LOADS, mean_error, stage_of_each
 from ..model.engine import load_engine
 from ..model.model import EfficiencyModel
-from ..model.optimum import HOLDS
+from ..model.optimum import HOLDS, DriveOptimum, Optimum
 from ..physics.balance import DRAGGED
 from ..report.pictures import draw_losses, save
 from ..transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 from . import common
-from .common import Answer, Point, domain_told, point_from
+from .common import Answer, Point, domain_lines, point_from
 
-_ASKED = "the output speed and power cannot be held within the engine speed limits"
-_OF_THE_DRIVE_LINE = ("engine", "torque_reserve", "hysteresis")
+_NOT_HELD = "the output speed and power cannot be held within the engine speed limits"
+_DRIVE_LINE_OPTIONS = ("engine", "torque_reserve", "hysteresis")
+_TURNING = (None, DRAGGED)
+"""Refusals with which the output shaft turns at a known speed: none, and overrun."""
 
 
 @common.command(
@@ -42,7 +44,7 @@ def predict(
 ) -> Answer:
     """Predict the efficiency at one point, or at every sample of a file (with column `stage`)."""
     if bench is None:
-        # At a point there is no bench whose meters could read wrong.
+        # At a single point no bench meter can read wrong.
         model = common.stage_from(params, stage).without_meters()
         return _predicted(model, point_from(given, model), given)
     if stage is not None or any(value is not None for value in given.values()):
@@ -51,56 +53,54 @@ def predict(
 
 
 def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> Answer:
-    found, refusal = model.predict(*point), model.refusal(*point)
+    prediction = model.predict(*point)
+    refusal = model.refusal(*point)
     common.note_oil_temperature(model, point.oil_temperature)
-    solved = {
-        name: value
-        for name, value in point._asdict().items()
-        if given[name] is None and value is not None
+    solved = {}
+    for name, value in point._asdict().items():
+        if given[name] is None and value is not None:
+            solved[name] = value
+    speed = math.nan
+    if refusal is None:
+        spread = f"+- {prediction.standard_error:.4f}"
+        if math.isnan(prediction.standard_error):
+            spread = "(standard error unknown)"
+        lines = [f"efficiency     {prediction.efficiency:.4f} {spread}"]
+    else:
+        lines = [f"no efficiency: {refusal}"]
+    if refusal in _TURNING:
+        speed = model.output_speed(*point)
+        lines.append(f"output speed   {speed:.2f} rad/s")
+        lines.append(f"power loss     {model.power_loss(*point):.0f} W")
+    for name, value in solved.items():
+        lines.append(f"{name.replace('_', ' '):<18} {value:.5g}")
+    inside, outside_lines = domain_lines(model, point)
+    result = {
+        **prediction._asdict(),
+        "inside_domain": inside,
+        "output_speed": speed,
+        "refusal": refusal,
+        **solved,
     }
-    # Stalled, or where formulas contradict themselves, the shaft does not turn as any says.
-    speed = model.output_speed(*point) if refusal in (None, DRAGGED) else math.nan
-    spread = (
-        "(standard error unknown)"
-        if math.isnan(found.standard_error)
-        else f"+- {found.standard_error:.4f}"
-    )
-    lines = [
-        f"efficiency     {found.efficiency:.4f} {spread}"
-        if refusal is None
-        else f"no efficiency: {refusal}"
-    ]
-    if refusal in (None, DRAGGED):
-        lines += [
-            f"output speed   {speed:.2f} rad/s",
-            f"power loss     {model.power_loss(*point):.0f} W",
-        ]
-    lines += [
-        f"{name.replace('_', ' '):<18} {value:.5g}" for name, value in solved.items()
-    ]
-    inside, told = domain_told(model, point)
-    return Answer(
-        {
-            **found._asdict(),
-            "inside_domain": inside,
-            "output_speed": speed,
-            "refusal": refusal,
-            **solved,
-        },
-        [*lines, *told],
-    )
+    return Answer(result, [*lines, *outside_lines])
 
 
 def _compared(model: EfficiencyModel, bench: str) -> Answer:
     samples = read_bench(bench)
-    stage_of_each(model.stages, samples)
+    stage_of_each(model.stages, samples)  # raises where a sample names no known stage
     records = common.sample_records(model, samples)
     lines = [common.sample_table(records)]
     error = mean_error(model.efficiency(*samples.points), samples.efficiency)
     if not math.isnan(error):
         lines.append(f"mean |error|  {100 * error:.2f} %")
-    if none := sum(math.isnan(entry["predicted"]) for entry in records):
-        lines.append(f"the model has no answer at {none} of {len(records)} samples")
+    unanswered = 0
+    for record in records:
+        if math.isnan(record["predicted"]):
+            unanswered += 1
+    if unanswered:
+        lines.append(
+            f"the model has no answer at {unanswered} of {len(records)} samples"
+        )
     if samples.sha256 == model.provenance.get("data_sha256"):
         used = model.provenance.get("samples", "some")
         lines.append(
@@ -130,7 +130,7 @@ def breakdown(
     refusal = model.refusal(*point)
     if refusal not in (None, DRAGGED):
         raise HmcvtError(f"no breakdown at this point: {refusal}")
-    found = model.breakdown(*point)
+    balance = model.breakdown(*point)
     common.note_oil_temperature(model, point.oil_temperature)
     if picture is not None:
         save(
@@ -141,35 +141,30 @@ def breakdown(
             point.load_torque,
             point.displacement_ratio,
         )
-    into, out = float(found.input_power), float(found.output_power)
-    losses = sorted(
-        ((name, float(watts)) for name, watts in found.losses.items()),
-        key=lambda entry: -entry[1],
-    )
-    rows = [("from the engine", into), *losses, ("to the load", out)]
-    shown = common.table(
-        ("part", "W", "% of input"),
-        [
-            # + 0.0: no loss reads 0.0, not -0.0.
-            (
-                name,
-                f"{round(watts)}",
-                f"{round(100 * watts / max(into, -out), 1) + 0.0:.1f}",
-            )
-            for name, watts in rows
-        ],
-    )
-    inside, told = domain_told(model, point)
-    return Answer(
-        {
-            "input_power": into,
-            "output_power": out,
-            "efficiency": model.efficiency(*point),
-            "losses": found.losses,
-            "inside_domain": inside,
-        },
-        [shown, *told],
-    )
+    input_power = float(balance.input_power)
+    output_power = float(balance.output_power)
+    losses = [(name, float(watts)) for name, watts in balance.losses.items()]
+    losses.sort(key=lambda loss: -loss[1])
+    rows = []
+    for name, watts in (
+        ("from the engine", input_power),
+        *losses,
+        ("to the load", output_power),
+    ):
+        # In overrun the load drives the transmission.
+        share = 100.0 * watts / max(input_power, -output_power)
+        # Adding 0.0 turns -0.0 into 0.0.
+        rows.append((name, f"{round(watts)}", f"{round(share, 1) + 0.0:.1f}"))
+    inside, outside_lines = domain_lines(model, point)
+    result = {
+        "input_power": input_power,
+        "output_power": output_power,
+        "efficiency": model.efficiency(*point),
+        "losses": balance.losses,
+        "inside_domain": inside,
+    }
+    shown = common.table(("part", "W", "% of input"), rows)
+    return Answer(result, [shown, *outside_lines])
 
 
 @common.command(
@@ -202,7 +197,7 @@ def breakdown(
 @click.option(
     "--displacement-ratio",
     type=common.fraction,
-    help="Now; tells the output speed to hold and what there is to gain.",
+    help="Now; gives the output speed to hold and what there is to gain.",
 )
 @click.option(
     "--engine-speed-limits",
@@ -230,15 +225,13 @@ def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
     limits = given["engine_speed_limits"] or ENGINE_SPEED_LIMITS
     if given["engine_speed"] is None:
         return _of_drive_line(common.model_from(params), stage, limits, given)
-    for name in _OF_THE_DRIVE_LINE:
+    for name in _DRIVE_LINE_OPTIONS:
         if given[name] is not None:
             raise click.UsageError(
-                f"--{name.replace('_', '-')} is of the drive line: leave out "
-                "--engine-speed"
+                f"{common.flag(name)} is of the drive line: leave out --engine-speed"
             )
-    return _of_one_stage(
-        common.stage_from(params, stage).without_meters(), limits, given
-    )
+    model = common.stage_from(params, stage).without_meters()
+    return _of_one_stage(model, limits, given)
 
 
 def _of_drive_line(
@@ -247,25 +240,17 @@ def _of_drive_line(
     limits: tuple[float, float],
     given: dict[str, Any],
 ) -> Answer:
-    held, power, torque = (
-        given[f"output_{name}"] for name in ("speed", "power", "torque")
-    )
-    if (
-        held is None
-        or (power is None) == (torque is None)
-        or any(
-            given[name] is not None
-            for name in ("load_torque", "engine_torque", "displacement_ratio")
-        )
-    ):
-        raise click.UsageError(
-            "--engine-speed (now) is needed, or for the drive line "
-            "--output-speed and one of --output-power, --output-torque alone"
-        )
-    engine = None if given["engine"] is None else load_engine(given["engine"])
+    speed = given["output_speed"]
+    _require_drive_line(given)
+    power = given["output_power"]
+    if power is None:
+        power = abs(speed) * given["output_torque"]
+    engine = None
+    if given["engine"] is not None:
+        engine = load_engine(given["engine"])
     best = model.optimal_drive(
-        held,
-        abs(held) * torque if power is None else power,
+        speed,
+        power,
         engine=engine,
         engine_speed_limits=limits,
         torque_reserve=given["torque_reserve"] or 0.0,
@@ -273,12 +258,12 @@ def _of_drive_line(
         hysteresis=given["hysteresis"] or 0.0,
     )
     if best.stage is None:
-        raise HmcvtError(
-            f"no working point: {_ASKED}"
-            + ("" if engine is None else " and the full-load curve of the engine")
-        )
-    found = asdict(best)
-    per_loss = found.pop("fuel_per_loss")
+        reason = _NOT_HELD
+        if engine is not None:
+            reason += " and the full-load curve of the engine"
+        raise HmcvtError(f"no working point: {reason}")
+    result = asdict(best)
+    per_loss = result.pop("fuel_per_loss")
     lines = [
         f"stage               {best.stage}",
         *_best_lines(best),
@@ -289,82 +274,106 @@ def _of_drive_line(
             f"fuel                {3.6e6 * best.fuel_rate:.0f} g/h "
             f"({3.6e6 * per_loss:.3f} g/h for each watt lost)"
         )
-    return Answer(found, lines)
+    point = Point(best.displacement_ratio, best.engine_speed, best.load_torque)
+    inside, outside_lines = domain_lines(model, point)
+    result["inside_domain"] = inside
+    return Answer(result, [*lines, *outside_lines])
+
+
+def _require_drive_line(given: dict[str, Any]) -> None:
+    """Check that the options state an output speed and one load, and nothing else."""
+    stated_loads = 0
+    for name in ("output_power", "output_torque"):
+        stated_loads += given[name] is not None
+    excess = False
+    for name in ("load_torque", "engine_torque", "displacement_ratio"):
+        excess = excess or given[name] is not None
+    if given["output_speed"] is None or stated_loads != 1 or excess:
+        raise click.UsageError(
+            "--engine-speed (now) is needed, or for the drive line "
+            "--output-speed and one of --output-power, --output-torque alone"
+        )
 
 
 def _of_one_stage(
     model: EfficiencyModel, limits: tuple[float, float], given: dict[str, Any]
 ) -> Answer:
-    # Refused: options that would be ignored or contradict each other.
-    hold, stroke, held = (
-        given["hold"],
-        given["displacement_ratio"],
-        given["output_speed"],
-    )
-    if hold == "engine_speed" and (
-        held is not None or given["engine_speed_limits"] is not None
-    ):
+    hold = given["hold"]
+    stroke = given["displacement_ratio"]
+    output_speed = given["output_speed"]
+    engine_speed = given["engine_speed"]
+    limits_given = given["engine_speed_limits"] is not None
+    if hold == "engine_speed" and (output_speed is not None or limits_given):
         raise click.UsageError(
             "--output-speed and --engine-speed-limits need --hold output_speed"
         )
     common.one_of(
-        "tell the output speed to hold", displacement_ratio=stroke, output_speed=held
+        "set the output speed to hold",
+        displacement_ratio=stroke,
+        output_speed=output_speed,
     )
-    engine_speed, load_torque = given["engine_speed"], given["load_torque"]
-    if all(given[name] is None for name in LOADS):
-        raise click.UsageError(
-            "--load-torque is needed, or another of what tells the load: "
-            "--output-power, --output-torque, --engine-torque"
-        )
-    if load_torque is None and given["output_power"] is not None:
-        load_torque = given["output_power"] / engine_speed
-    elif load_torque is None:
-        load_torque = point_from({**given, "oil_temperature": None}, model).load_torque
+    load_torque = _load_torque(model, given)
     best = model.optimal_displacement_ratio(
         engine_speed,
         load_torque,
         hold=hold,
         displacement_ratio=stroke,
-        output_speed=held,
+        output_speed=output_speed,
         engine_speed_limits=limits,
     )
     if math.isnan(best.efficiency):
-        raise HmcvtError(
-            f"no working point: {_ASKED}"
-            if hold == "output_speed"
-            else "no working point: the load cannot be carried at this engine speed"
-        )
+        reason = "the load cannot be carried at this engine speed"
+        if hold == "output_speed":
+            reason = _NOT_HELD
+        raise HmcvtError(f"no working point: {reason}")
     common.note_oil_temperature(model)
-    point, now = (
-        Point(best.displacement_ratio, best.engine_speed, best.load_torque),
-        math.nan,
-    )
-    inside, lines = domain_told(model, point)
+    point = Point(best.displacement_ratio, best.engine_speed, best.load_torque)
+    inside, outside_lines = domain_lines(model, point)
+    efficiency_now = math.nan
     if stroke is not None:
-        now = model.efficiency(stroke, engine_speed, load_torque)
+        efficiency_now = model.efficiency(stroke, engine_speed, load_torque)
         if inside is not None:
-            lines += domain_told(
-                model, Point(stroke, engine_speed, load_torque), "now "
-            )[1]
-    return Answer(
-        {**asdict(best), "efficiency_now": now, "inside_domain": inside},
-        [
-            *_best_lines(best, now),
-            f"output speed        {best.output_speed:.2f} rad/s",
-            *lines,
-        ],
-    )
+            now = Point(stroke, engine_speed, load_torque)
+            outside_lines += domain_lines(model, now, "now ")[1]
+    result = {
+        **asdict(best),
+        "efficiency_now": efficiency_now,
+        "inside_domain": inside,
+    }
+    lines = [
+        *_best_lines(best, efficiency_now),
+        f"output speed        {best.output_speed:.2f} rad/s",
+        *outside_lines,
+    ]
+    return Answer(result, lines)
 
 
-def _best_lines(best: Any, now: float = math.nan) -> list[str]:
+def _load_torque(model: EfficiencyModel, given: dict[str, Any]) -> float:
+    """Return the load torque that the options of a working point state [N m]."""
+    if all(given[name] is None for name in LOADS):
+        raise click.UsageError(
+            "--load-torque is needed, or another option that states the load: "
+            "--output-power, --output-torque, --engine-torque"
+        )
+    load_torque: float | None = given["load_torque"]
+    if load_torque is not None:
+        return load_torque
+    if given["output_power"] is not None:
+        return float(given["output_power"] / given["engine_speed"])
+    return point_from({**given, "oil_temperature": None}, model).load_torque
+
+
+def _best_lines(best: Optimum | DriveOptimum, now: float = math.nan) -> list[str]:
+    efficiency = f"efficiency          {best.efficiency:.4f}"
+    if not math.isnan(now):
+        efficiency += f" (now {now:.4f})"
     lines = [
         f"displacement ratio  {best.displacement_ratio:+.4f}",
-        f"efficiency          {best.efficiency:.4f}"
-        + ("" if math.isnan(now) else f" (now {now:.4f})"),
+        efficiency,
         f"engine speed        {best.engine_speed:.2f} rad/s "
         f"({best.engine_speed / RPM:.0f} r/min)",
         f"load torque         {best.load_torque:.2f} N m",
     ]
-    return (
-        lines if best.limit is None else [*lines, f"limited by          {best.limit}"]
-    )
+    if best.limit is not None:
+        lines.append(f"limited by          {best.limit}")
+    return lines

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,10 +60,57 @@ def read_tree(
     if tree is None or not isinstance(data, dict):
         raise InputError("holds no mapping; is it empty or cut off?")
     if data.get("schema") != schema:
-        raise InputError(
-            f"schema = {data.get('schema')!r}; this version reads {schema!r}"
-        )
+        raise InputError(_other_schema(data.get("schema"), schema))
+    _require_decimal_points(tree)
     return data, tree
+
+
+_FILE_KINDS = {
+    "hmcvt-model": "a parameter file of a model",
+    "hmcvt-transmission": "a transmission file",
+    "hmcvt-engine": "an engine file",
+    "hmcvt-mapping": "a mapping of columns",
+}
+"""What the files of each schema are, without the version."""
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+def _other_schema(stated: object, wanted: str) -> str:
+    """Say which kind of file was given, and which one is wanted."""
+    complaint = f"schema = {stated!r}; this version reads {wanted!r}"
+    kind = _FILE_KINDS.get(str(stated).partition("/")[0])
+    wanted_kind = _FILE_KINDS.get(wanted.partition("/")[0])
+    if kind is None or wanted_kind is None or kind == wanted_kind:
+        return complaint
+    return f"is {kind}; wanted is {wanted_kind} ({complaint})"
+
+
+def _require_decimal_points(tree: yaml.Node) -> None:
+    """Refuse decimal commas: YAML reads `1,9` as text, and within braces as two entries."""
+    from yaml.nodes import MappingNode, ScalarNode, SequenceNode
+
+    if isinstance(tree, SequenceNode):
+        for item in tree.value:
+            _require_decimal_points(item)
+    if not isinstance(tree, MappingNode):
+        return
+    for key, value in tree.value:
+        if not isinstance(value, ScalarNode):
+            _require_decimal_points(value)
+            continue
+        is_plain = value.style not in ("'", '"', "|", ">")
+        without_value = is_plain and value.value == "" and bool(tree.flow_style)
+        if without_value:
+            raise InputError(
+                f"{key.value}{_line_of(key)} has no value; a decimal comma? write 1.9, "
+                "not 1,9"
+            )
+        if is_plain and _DECIMAL_COMMA.fullmatch(value.value):
+            raise InputError(
+                f"{key.value} = {value.value}{_line_of(value)} has a decimal comma; write "
+                f"{value.value.replace(',', '.')}"
+            )
 
 
 def _require_plain(events: Iterable[yaml.Event]) -> None:

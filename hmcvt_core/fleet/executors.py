@@ -34,65 +34,76 @@ Key = TypeVar("Key")
 Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
-# Logs handed over to a cluster: so many that no worker waits, and all have room in memory; and of
-# these at a time, so that outcomes are told while a large fleet is still being read.
-_AHEAD, _AT_A_TIME = 256, 32
-_FILES = 10  # that a process takes here, pipes and semaphores
+_AHEAD = 256
+"""Logs handed over to a cluster: enough that no worker waits, few enough for the memory."""
+
+_AT_A_TIME = 32
+"""Logs handed over at a time, so that outcomes arrive while a large fleet is still being read."""
+
+_FILES = 10  # pipes and semaphores that a process of this machine needs
 
 
 def study_all(
     study: Callable[[Sent], Result],
     tasks: Iterator[tuple[Key, Sent]],
-    place: AbstractContextManager[futures.Executor],
+    opened: AbstractContextManager[futures.Executor],
 ) -> Generator[tuple[Key, Result | str], None, None]:
-    """Study logs side by side; give each with its outcome, in the order in which they finish.
+    """Study logs side by side; yield each with its outcome, in the order in which they finish.
 
     Tasks are taken as there is room, so that a fleet need not fit into memory.
 
     Args:
-        study: gives the result of a log.
-        tasks: what a log is known by, and what is sent out for it.
-        place: opens the executor.
+        study: returns the result of a log.
+        tasks: the key of each log, and what is sent to the worker.
+        opened: opens the executor.
 
     Yields:
         The same key and the result, or text that says in one line why there is none.
 
     Raises:
-        InputError: the place cannot be used.
+        InputError: the executor cannot be used.
         HmcvtError: it is lost.
     """
     killed: list[tuple[Key, Sent]] = []
-    with place as executor:
-
-        def outcomes(
-            tasks: Iterator[tuple[Key, Sent]], ahead: int
-        ) -> Iterator[tuple[tuple[Key, Sent], Result | str | None]]:
-            in_hand: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
-            while True:
-                for task in islice(tasks, min(_AT_A_TIME, ahead - len(in_hand))):
-                    in_hand[executor.submit(attempt, study, task[1])] = task
-                if not in_hand:
-                    return
-                for future in futures.wait(
-                    in_hand, return_when=futures.FIRST_COMPLETED
-                ).done:
-                    yield in_hand.pop(future), _outcome(future)
-
-        for task, outcome in outcomes(tasks, getattr(executor, "ahead", _AHEAD)):
+    with opened as executor:
+        ahead = getattr(executor, "ahead", _AHEAD)
+        for task, outcome in _outcomes(executor, study, tasks, ahead):
             if outcome is None:
                 killed.append(task)
             else:
                 yield task[0], outcome
-        # Each alone, and last, when it hurts fewest.
-        for task, outcome in outcomes(iter(killed), 1):
-            yield (
-                task[0],
-                (
-                    "killed its worker 2 times (memory, most likely)"
-                    if outcome is None
-                    else outcome
-                ),
-            )
+        # Logs that killed their worker are tried again one at a time, after all others.
+        for task, outcome in _outcomes(executor, study, iter(killed), 1):
+            if outcome is None:
+                yield task[0], "killed its worker 2 times (memory, most likely)"
+            else:
+                yield task[0], outcome
+
+
+def _outcomes(
+    executor: futures.Executor,
+    study: Callable[[Sent], Result],
+    tasks: Iterator[tuple[Key, Sent]],
+    ahead: int,
+) -> Iterator[tuple[tuple[Key, Sent], Result | str | None]]:
+    """Yield each task with its outcome, None where the worker was killed.
+
+    Args:
+        executor: does the work.
+        study: returns the result of a log.
+        tasks: key and what is sent.
+        ahead: tasks handed over at most.
+    """
+    pending: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
+    while True:
+        room = min(_AT_A_TIME, ahead - len(pending))
+        for task in islice(tasks, room):
+            pending[executor.submit(attempt, study, task[1])] = task
+        if not pending:
+            return
+        done = futures.wait(pending, return_when=futures.FIRST_COMPLETED).done
+        for future in done:
+            yield pending.pop(future), _outcome(future)
 
 
 def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
@@ -106,11 +117,13 @@ def attempt(study: Callable[[Sent], Result], sent: Sent) -> Result | str:
 
 
 def _internal_failure(error: Exception) -> str:
-    """Return an unexpected error as one line that tells the place."""
-    frames = traceback.extract_tb(error.__traceback__)
-    place = f" at {frames[-1].filename}:{frames[-1].lineno}" if frames else ""
+    """Return an unexpected error as one line that names file and line."""
     text = " ".join(str(error).split())
-    return f"internal failure (please report it): {type(error).__name__}: {text}{place}"
+    line = f"internal failure (please report it): {type(error).__name__}: {text}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if frames:
+        line += f" at {frames[-1].filename}:{frames[-1].lineno}"
+    return line
 
 
 def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
@@ -123,40 +136,42 @@ def _outcome(future: futures.Future[Result | str]) -> Result | str | None:
         raise HmcvtError(
             "the Dask scheduler is lost; finished logs are kept, run again to go on"
         ) from None
-    except Exception as error:  # `attempt` raises none: the place failed over this log
-        failures = getattr(
-            error, "allowed_failures", None
-        )  # of distributed.KilledWorker
+    except Exception as error:  # `attempt` raises none: the executor failed
+        # An attribute of distributed.KilledWorker.
+        failures = getattr(error, "allowed_failures", None)
+        if failures is None:
+            return _internal_failure(error)
         return (
-            _internal_failure(error)
-            if failures is None
-            else (
-                f"killed its worker {failures + 1} times (as often as the cluster allows)"
-            )
+            f"killed its worker {failures + 1} times (as often as the cluster allows)"
         )
 
 
 class Processes(futures.ThreadPoolExecutor):
-    """As many processes as asked for, with one BLAS thread each; none outlives this one.
+    """Processes of this machine with one BLAS thread each; none outlives this process.
 
-    Each is in the hands of a thread here: a killed one takes with it (`BrokenExecutor`) its own
-    work alone, and leaves its place to another. To close ends them at once: they write no files.
+    A thread of this process attends to each of them: one that is killed loses only its current work
+    (`BrokenExecutor`) and is replaced. Closing ends them at once, since they write no files.
+
+    Args:
+        count: number of processes.
 
     Attributes:
-        ahead: pieces of work that are enough for none to wait.
+        ahead: pieces of work handed over, enough that no process waits.
     """
 
     def __init__(self, count: int) -> None:
         self.ahead = 2 * count
         _allow_files(_FILES * count)
-        # What a thread blocks its process inherits: Ctrl-C is for the run. Not so on Windows.
+        # A process inherits the signals that its thread blocks: Ctrl-C is for this process alone.
+        # Windows has no such mask.
         block = getattr(signal, "pthread_sigmask", None)
-        super().__init__(
-            count,
-            initializer=block and partial(block, signal.SIG_BLOCK, {signal.SIGINT}),
-        )
+        initializer = None
+        if block is not None:
+            initializer = partial(block, signal.SIG_BLOCK, {signal.SIGINT})
+        super().__init__(count, initializer=initializer)
         self._spawn = multiprocessing.get_context("spawn")
-        self._heard, self._held = self._spawn.Pipe(duplex=False)
+        # Workers wait at one end; they end when the other end is closed.
+        self._worker_end, self._run_end = self._spawn.Pipe(duplex=False)
         self._idle: SimpleQueue[futures.Executor] = SimpleQueue()
         for _ in range(count):
             self._idle.put(self._open())
@@ -177,14 +192,14 @@ class Processes(futures.ThreadPoolExecutor):
         os.environ.clear()
         os.environ.update(self._environment)
         self.shutdown(wait=False, cancel_futures=True)
-        self._held.close()
+        self._run_end.close()
         self.shutdown()
         while not self._idle.empty():
             self._idle.get().shutdown()
 
     def _open(self) -> futures.Executor:
         return futures.ProcessPoolExecutor(
-            1, self._spawn, _thread.start_new_thread, (_end_with, (self._heard,))
+            1, self._spawn, _thread.start_new_thread, (_end_with, (self._worker_end,))
         )
 
     def _hand_over(self, work: Callable[[], Any]) -> Any:
@@ -205,7 +220,9 @@ def _allow_files(more: int) -> None:
         import resource
 
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        most = soft + more if hard == resource.RLIM_INFINITY else min(soft + more, hard)
+        most = soft + more
+        if hard != resource.RLIM_INFINITY:
+            most = min(most, hard)
         if soft != resource.RLIM_INFINITY:
             resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
@@ -222,7 +239,8 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
     """Open the Dask cluster whose scheduler has this address.
 
     Raises:
-        InputError: Dask is not installed, nobody answers, or there is no hmcvt of this version.
+        InputError: Dask is not installed, no scheduler answers, or the cluster has no hmcvt of this
+            version.
     """
     try:
         from distributed import Client
@@ -236,10 +254,10 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
     async def knock() -> None:
         await (await connect(address, timeout=_CONNECT)).close()
 
-    # What it has to say about a lost scheduler is said in one line by `_outcome`.
+    # `_outcome` reports a lost scheduler in one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
-        # First, because a client that finds nobody leaves threads behind that complain at exit.
+        # A client without an answer leaves threads behind that complain at exit: ask first.
         asyncio.run(knock())
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:  # a timeout is an OSError too
@@ -247,19 +265,24 @@ def on_cluster(address: str) -> Iterator[futures.Executor]:
             f"--scheduler {address}: no Dask scheduler answers there: {error}"
         ) from error
     with client:
-        version = pkgutil.resolve_name, "hmcvt_core.version:__version__"
-        try:
-            found = {"the scheduler": client.run_on_scheduler(*version)}
-        except Exception as error:  # whatever the import of another hmcvt may raise
-            found = {"the scheduler": error}
-        # Refused: a cluster whose every outcome would be a failure, or from another version.
-        for place, there in {
-            **found,
-            **client.run(*version, on_error="return"),
-        }.items():
-            if there != __version__:
-                raise InputError(
-                    f"--scheduler {address}: {place} needs hmcvt {__version__}, "
-                    f"there is {there}"
-                )
+        _require_same_version(client, address)
         yield client.get_executor(pure=False)
+
+
+def _require_same_version(client: Any, address: str) -> None:
+    """Refuse a cluster whose every outcome would be a failure, or of another version."""
+    target = "hmcvt_core.version:__version__"
+    versions: dict[str, Any] = {}
+    try:
+        versions["the scheduler"] = client.run_on_scheduler(
+            pkgutil.resolve_name, target
+        )
+    except Exception as error:  # the import of another hmcvt may raise anything
+        versions["the scheduler"] = error
+    versions.update(client.run(pkgutil.resolve_name, target, on_error="return"))
+    for member, version in versions.items():
+        if version != __version__:
+            raise InputError(
+                f"--scheduler {address}: {member} needs hmcvt {__version__}, "
+                f"there is {version}"
+            )

@@ -1,17 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """From a folder of bench logs to the two files of each finished one.
 
-Logs are read, studied elsewhere, and their files written here: the parameter file first, the
-result last. A result that names the SHA-256 of the log, of the settings and of the parameter file
-beside it proves that the log is finished.
+This process reads the logs and writes the files; workers do the study. The parameter file is
+written first, the result last. A result that names the SHA-256 of the log, of the settings and of
+its parameter file proves that the log is finished.
 """
 
 import hashlib
 import json
+import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
@@ -25,6 +26,7 @@ from ..files.bench import BenchSamples, read_bench
 from ..identification import identify
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
+from ..physics.effects import load_effects
 from ..physics.effects.base import Effect
 from ..transmission.parameters import PAPER_PARAMETERS
 from ..transmission.ranges import EFFICIENCY_STD
@@ -42,14 +44,15 @@ class Settings:
     """Settings of `identify` and `diagnose`, the same for every log.
 
     Attributes:
-        stages: of the gear train; of several each sample names its own in column `stage`.
+        stages: of the gear train; of several each sample names one in column `stage`.
         formulation: `power_balance` or `published`.
-        effects: effects with fixed parameters that act besides.
+        effects: further effects that act with fixed parameters.
         diagnosed: whether the gap is diagnosed too.
         noise: standard deviation of the efficiency [-]; None for what the log states.
         seed: of every random number.
         gear_efficiencies: of every pair [-], to compare: the one with the lowest objective is kept;
             None for that of the stages.
+        effect_sources: modules and files of effects that a worker loads first, see `load_effects`.
 
     Raises:
         InputError: a setting is out of range, or two do not go together.
@@ -62,14 +65,15 @@ class Settings:
     noise: float | None = None
     seed: int = 0
     gear_efficiencies: tuple[float | None, ...] = (None,)
+    effect_sources: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        # Told once, before the work, not by every log.
+        # Checked once before the work, not with every log.
         for value in self.gear_efficiencies:
-            first, *others = (
-                each if value is None else each.with_gear_efficiency(value)
-                for each in self.stages
-            )
+            stages = list(self.stages)
+            if value is not None:
+                stages = [stage.with_gear_efficiency(value) for stage in stages]
+            first, *others = stages
             model = EfficiencyModel(
                 first,
                 PAPER_PARAMETERS[0.98],
@@ -82,43 +86,57 @@ class Settings:
         if self.noise is not None:
             EFFICIENCY_STD.check(self.noise, "noise")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A worker can unpickle effects only after it has loaded the modules that define them.
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return _settings_in_worker, (self.effect_sources, pickle.dumps(values))
+
     @cached_property
     def sha256(self) -> str:
         """Changes with every setting and with the version of hmcvt."""
         return hashlib.sha256(f"{__version__} {self!r}".encode()).hexdigest()
 
 
+def _settings_in_worker(effect_sources: tuple[str, ...], values: bytes) -> Settings:
+    """Return settings in the process of a worker."""
+    for source in effect_sources:
+        load_effects(source)
+    return Settings(**pickle.loads(values))
+
+
 class Study(NamedTuple):
-    """What a worker makes of a log: the identified model, and what the result says of it."""
+    """Result of a worker for one log.
+
+    Attributes:
+        model: the identified model.
+        outcome: identification and diagnosis as plain data.
+    """
 
     model: EfficiencyModel
-    told: dict[str, Any]
+    outcome: dict[str, Any]
 
 
 def study(settings: Settings, samples: BenchSamples) -> Study:
     """Identify the parameters of a log and diagnose its gap; equal input gives equal output."""
-    tried = [
-        identify(
-            samples,
-            stage=settings.stages,
-            formulation=settings.formulation,
-            gear_efficiency=value,
-            effects=settings.effects,
-            seed=settings.seed,
+    tried = []
+    for gear_efficiency in settings.gear_efficiencies:
+        tried.append(
+            identify(
+                samples,
+                stage=settings.stages,
+                formulation=settings.formulation,
+                gear_efficiency=gear_efficiency,
+                effects=settings.effects,
+                seed=settings.seed,
+            )
         )
-        for value in settings.gear_efficiencies
-    ]
-    found = min(tried, key=lambda item: item.objective)
-    diagnosis = (
-        None
-        if not settings.diagnosed
-        else diagnose(
-            found.model, samples, noise=settings.noise, seed=settings.seed
+    best = min(tried, key=lambda result: result.objective)
+    diagnosis = None
+    if settings.diagnosed:
+        diagnosis = diagnose(
+            best.model, samples, noise=settings.noise, seed=settings.seed
         ).to_dict()
-    )
-    return Study(
-        found.model, {"identification": found.to_dict(), "diagnosis": diagnosis}
-    )
+    return Study(best.model, {"identification": best.to_dict(), "diagnosis": diagnosis})
 
 
 class Log(NamedTuple):
@@ -126,7 +144,9 @@ class Log(NamedTuple):
 
     Attributes:
         name: path below the folder of logs, parts separated by "/".
-        path, parameters, result: of the log, its parameter file and its result.
+        path: of the log.
+        parameters: path of its parameter file.
+        result: path of its result.
     """
 
     name: str
@@ -147,11 +167,11 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
         OSError: a folder is missing or cannot be read.
     """
     if folder.resolve() == out.resolve():
-        # A logger may leave files of the same names beside its logs.
+        # A logger may leave files of the same names in the folder of its logs.
         raise InputError(
             f"{out}: holds the logs; the results need a folder of their own"
         )
-    found: dict[Path, Log] = {}
+    by_result: dict[Path, Log] = {}
     for path in _csv_files(folder):
         below = path.relative_to(folder)
         log = Log(
@@ -160,20 +180,19 @@ def find_logs(folder: Path, out: Path) -> list[Log]:
             (out / below).with_suffix(".yaml"),
             (out / below).with_suffix(".json"),
         )
-        other = found.setdefault(log.result, log)
+        other = by_result.setdefault(log.result, log)
         if other is not log:
             raise InputError(
                 f"{other.path} and {path} would share {log.result}: rename one"
             )
-    if not found:
+    if not by_result:
         raise InputError(f"{folder}: holds no .csv file")
-    return sorted(found.values())
+    return sorted(by_result.values())
 
 
 def _csv_files(folder: Path) -> Iterator[Path]:
-    for (
-        path
-    ) in folder.iterdir():  # which raises where os.walk would pass over a closed folder
+    # `iterdir` raises for a folder that cannot be read; os.walk would skip it.
+    for path in folder.iterdir():
         if path.is_dir():
             if not (path.name.startswith(".") or path.is_symlink()):
                 yield from _csv_files(path)
@@ -183,7 +202,7 @@ def _csv_files(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Make the folder and hold it for this run alone; a run that dies lets it go.
+    """Make the folder and lock it for this run; the lock ends with the process.
 
     Raises:
         InputError: another run holds it.
@@ -204,8 +223,8 @@ def _hold(file: int) -> None:
     try:
         import fcntl
     except ImportError:  # Windows
-        here = import_module("msvcrt")
-        here.locking(file, here.LK_NBLCK, 1)
+        msvcrt = import_module("msvcrt")
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
     else:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
@@ -214,18 +233,19 @@ def run(
     folder: Path,
     out: Path,
     settings: Settings,
-    place: AbstractContextManager[Executor],
+    executor: AbstractContextManager[Executor],
     progress: Callable[[Entry, int], None],
 ) -> dict[str, Any]:
     """Study the logs of a folder and write the files of each as soon as it is finished.
 
     Logs finished before with the same data and settings are left as they are. An interrupt loses
-    the logs in hand, none that was finished.
+    the logs under study, none that was finished.
 
     Args:
-        folder, out: of the logs, and for their files.
+        folder: of the logs.
+        out: folder for their files.
         settings: for all logs.
-        place: where the work is done.
+        executor: where the work is done.
         progress: called with each entry once its files are written, and how many there will be.
 
     Returns:
@@ -236,40 +256,44 @@ def run(
         OSError: the logs cannot be read, or the results not be written.
         HmcvtError: the work cannot be done there, whatever the log.
     """
-    # Before the folder for the results is made: a misspelt one shall leave nothing behind.
+    # Before the folder for the results is made: a misspelt name must leave nothing behind.
     logs = find_logs(folder, out)
     with locked(out):
-        before = {
-            log: entry for log in logs if (entry := finished(log, settings)) is not None
-        }
-        todo = [log for log in logs if log not in before]
+        before = []
+        to_do = []
+        for log in logs:
+            entry = finished(log, settings)
+            if entry is None:
+                to_do.append(log)
+            else:
+                before.append(entry)
         now: list[Entry] = []
 
         def finish(entry: Entry) -> None:
             now.append(entry)
-            progress(entry, len(todo))
+            progress(entry, len(to_do))
 
         def tasks() -> Iterator[tuple[Log, BenchSamples]]:
-            for log in todo:
+            for log in to_do:
                 try:
                     yield log, _read(log)
                 except HmcvtError as error:
                     finish(_broken(log, str(error)))
 
-        if todo:  # else no cluster is asked
-            with closing(
-                study_all(partial(study, settings), tasks(), place)
-            ) as outcomes:
-                for log, outcome in outcomes:
-                    finish(
-                        _broken(log, outcome)
-                        if isinstance(outcome, str)
-                        else save(log, outcome, settings)
-                    )
-    return summarise(list(before.values()), now)
+        if not to_do:  # no cluster is connected
+            return summarise(before, now)
+        with closing(
+            study_all(partial(study, settings), tasks(), executor)
+        ) as outcomes:
+            for log, outcome in outcomes:
+                if isinstance(outcome, str):
+                    finish(_broken(log, outcome))
+                else:
+                    finish(save(log, outcome, settings))
+    return summarise(before, now)
 
 
-def save(log: Log, found: Study, settings: Settings) -> Entry:
+def save(log: Log, studied: Study, settings: Settings) -> Entry:
     """Write both files, each whole or not at all; return the record.
 
     Raises:
@@ -277,17 +301,18 @@ def save(log: Log, found: Study, settings: Settings) -> Entry:
     """
     log.parameters.parent.mkdir(parents=True, exist_ok=True)
     if _result(log).get("parameters_sha256") == sha256(log.parameters):
-        # One that an earlier run wrote and nobody has touched: no copy of it is kept.
+        # An earlier run wrote it and it was not edited since: no copy of it is kept.
         log.parameters.unlink(missing_ok=True)
-    save_model(found.model, log.parameters)  # keeps what a person may have put there
+    # Keeps a copy of what a person may have written.
+    save_model(studied.model, log.parameters)
     result: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
             "log": log.name,
-            "log_sha256": found.model.provenance["data_sha256"],
+            "log_sha256": studied.model.provenance["data_sha256"],
             "settings_sha256": settings.sha256,
             "parameters_sha256": sha256(log.parameters),
-            **found.told,
+            **studied.outcome,
         }
     )
     write_atomically(log.result, json.dumps(result, indent=1, allow_nan=False) + "\n")
@@ -303,8 +328,9 @@ def finished(log: Log, settings: Settings) -> Entry | None:
         "log_sha256": sha256(log.path),
         "parameters_sha256": sha256(log.parameters),
     }
-    if any(not value or result.get(name) != value for name, value in proof.items()):
-        return None
+    for name, value in proof.items():
+        if not value or result.get(name) != value:
+            return None
     try:
         return record(result)
     except (KeyError, TypeError, IndexError):
@@ -337,11 +363,11 @@ def _read(log: Log) -> BenchSamples:
 
 
 def _broken(log: Log, reason: str) -> Entry:
+    """Return the record of a broken log, as text that can be printed."""
     path = str(log.path)
-    told = {
-        "log": log.name,
-        "error": reason if reason.startswith(path) else f"{path}: {reason}",
-    }
-    return {
-        key: text if text.isprintable() else ascii(text) for key, text in told.items()
-    }
+    error = reason if reason.startswith(path) else f"{path}: {reason}"
+    return {"log": _printable(log.name), "error": _printable(error)}
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else ascii(text)

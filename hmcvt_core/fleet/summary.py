@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The table over a fleet, and which of its transmissions stand apart."""
+"""The table over a fleet, and which of its transmissions are outliers."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,17 +16,25 @@ Entry = dict[str, Any]
 """A log: `record` of a finished one, `log` and `error` (why, in one line) of a broken one."""
 
 THRESHOLD = 3.5
+"""|z| of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)."""
+
 LEAST_LOGS = 8
-"""Below as many values a median absolute deviation is itself a matter of chance."""
+"""Of fewer values a median absolute deviation is itself a matter of chance."""
 
 GAP = "gap"
 _LOGARITHMIC = ("leakage",)
-_MAD_TO_DEVIATION = 1.4826
+_MAD_TO_DEVIATION = 1.4826  # of a normal distribution
 _LEAST_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
 
 
 class Scores(NamedTuple):
-    """Where n values stand: `deviation` is 1.4826 MAD, of logarithms in decades."""
+    """Robust scores of n values.
+
+    Attributes:
+        median: of the values.
+        deviation: 1.4826 MAD, of logarithms in decades.
+        z: (value - median) / deviation, shape (n,).
+    """
 
     median: float
     deviation: float
@@ -34,12 +42,11 @@ class Scores(NamedTuple):
 
 
 def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
-    """Compare values with their median, to tell which transmissions stand apart from their fleet.
+    """Compare values with their median, to find outliers of a fleet.
 
     .. math:: z = (x - median) / (1.4826 MAD)
 
-    1.4826 makes the median absolute deviation that of a normal distribution. |z| > 3.5 counts as an
-    outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993). Median and MAD hold
+    1.4826 makes the median absolute deviation that of a normal distribution. Median and MAD hold
     while less than half of the fleet is odd; mean and standard deviation would follow the odd ones.
 
     Args:
@@ -49,37 +56,50 @@ def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
     Returns:
         `z` is NaN for all when the values are too few or at least half of them equal.
     """
-    x = np.log10(values) if logarithmic else np.asarray(values, dtype=float)
+    x = np.asarray(values, dtype=float)
+    if logarithmic:
+        x = np.log10(x)
     median = float(np.median(x))
     deviation = _MAD_TO_DEVIATION * float(np.median(np.abs(x - median)))
-    enough = len(x) >= LEAST_LOGS and deviation > _LEAST_DEVIATION * float(
-        np.abs(x).max()
-    )
-    z = (x - median) / deviation if enough else np.full(len(x), np.nan)
-    return Scores(10.0**median if logarithmic else median, deviation, z)
+    least = _LEAST_DEVIATION * float(np.abs(x).max())
+    z = np.full(len(x), np.nan)
+    if len(x) >= LEAST_LOGS and deviation > least:
+        z = (x - median) / deviation
+    if logarithmic:
+        median = 10.0**median
+    return Scores(median, deviation, z)
 
 
 def record(result: Mapping[str, Any]) -> Entry:
     """Return what the table shows of a log, from its result.
 
-    `gap` is the error of prediction, rms [-]; what the diagnosis does not tell is None.
+    `gap` is the error of prediction, rms [-]; what the diagnosis does not state is None.
     """
-    parameters, found = result["identification"]["parameters"], result["diagnosis"]
-    named = found is not None and found["verdict"] in NAMING
-    return {
+    identified = result["identification"]["parameters"]
+    parameters = {}
+    for name in PARAMETER_NAMES:
+        entry = identified[name]
+        parameters[name] = {
+            key: entry[key] for key in ("value", "unit", "standard_error")
+        }
+    row: Entry = {
         "log": result["log"],
-        "parameters": {
-            name: {
-                key: parameters[name][key]
-                for key in ("value", "unit", "standard_error")
-            }
-            for name in PARAMETER_NAMES
-        },
-        GAP: None if found is None else found["gap"]["rmse"],
-        "verdict": None if found is None else found["verdict"],
-        "cause": found["causes"][0]["effect"] if named else None,
-        "probability": found["causes"][0]["probability"] if named else None,
+        "parameters": parameters,
+        GAP: None,
+        "verdict": None,
+        "cause": None,
+        "probability": None,
     }
+    diagnosis = result["diagnosis"]
+    if diagnosis is None:
+        return row
+    row[GAP] = diagnosis["gap"]["rmse"]
+    row["verdict"] = diagnosis["verdict"]
+    if diagnosis["verdict"] in NAMING:
+        leading = diagnosis["causes"][0]
+        row["cause"] = leading["effect"]
+        row["probability"] = leading["probability"]
+    return row
 
 
 def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
@@ -89,38 +109,23 @@ def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
         before: logs finished by an earlier run.
         now: logs of this run.
     """
-    every = sorted([*before, *now], key=itemgetter("log"))
-    rows, broken = (
-        [entry for entry in every if ("error" in entry) == failed]
-        for failed in (False, True)
-    )
-    values = {
-        name: [row["parameters"][name]["value"] for row in rows]
-        for name in PARAMETER_NAMES
-    }
-    values[GAP] = [row[GAP] for row in rows if row[GAP] is not None]
-    scores = {
-        name: robust_scores(column, name in _LOGARITHMIC)
-        for name, column in values.items()
-        if column
-    }
-    logs = []
-    for place, row in enumerate(rows):
-        z = {name: float(found.z[place]) for name, found in scores.items()}
-        logs.append(
-            {
-                **row,
-                "z": z,
-                "outlier": [name for name, far in z.items() if abs(far) > THRESHOLD],
-            }
-        )
+    rows = []
+    broken = []
+    for entry in sorted([*before, *now], key=itemgetter("log")):
+        if "error" in entry:
+            broken.append(entry)
+        else:
+            rows.append(entry)
+    scores = _scores(rows)
+    logs = _with_scores(rows, scores)
+    outliers = [log for log in logs if log["outlier"]]
     return {
         "counts": {
-            "logs": len(every),
+            "logs": len(rows) + len(broken),
             "finished_now": len(rows) - len(before),
             "finished_before": len(before),
             "broken": len(broken),
-            "outliers": sum(bool(log["outlier"]) for log in logs),
+            "outliers": len(outliers),
             "verdicts": _counted(row["verdict"] for row in rows),
             "causes": _counted(row["cause"] for row in rows),
         },
@@ -129,20 +134,49 @@ def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
             "threshold": THRESHOLD,
             "least_logs": LEAST_LOGS,
         },
-        "fleet": {
-            name: {
-                "unit": PARAMETER_UNITS.get(name, "-"),
-                "median": found.median,
-                "deviation": found.deviation,
-                "scale": "log10" if name in _LOGARITHMIC else "linear",
-                "judged": bool(np.isfinite(found.z).all()),
-            }
-            for name, found in scores.items()
-        },
+        "fleet": {name: _quantity(name, entry) for name, entry in scores.items()},
         "logs": logs,
         "broken": broken,
     }
 
 
+def _scores(rows: Sequence[Entry]) -> dict[str, Scores]:
+    """Return the scores of each quantity that the logs state."""
+    if not rows:
+        return {}
+    scores = {}
+    for name in PARAMETER_NAMES:
+        values = [row["parameters"][name]["value"] for row in rows]
+        scores[name] = robust_scores(values, name in _LOGARITHMIC)
+    gaps = [row[GAP] for row in rows if row[GAP] is not None]
+    if gaps:
+        scores[GAP] = robust_scores(gaps)
+    return scores
+
+
+def _with_scores(
+    rows: Sequence[Entry], scores: Mapping[str, Scores]
+) -> list[dict[str, Any]]:
+    """Return the rows with their z scores and the quantities in which they are outliers."""
+    logs = []
+    for i, row in enumerate(rows):
+        z = {name: float(entry.z[i]) for name, entry in scores.items()}
+        outlier = [name for name, value in z.items() if abs(value) > THRESHOLD]
+        logs.append({**row, "z": z, "outlier": outlier})
+    return logs
+
+
+def _quantity(name: str, scores: Scores) -> dict[str, Any]:
+    return {
+        "unit": PARAMETER_UNITS.get(name, "-"),
+        "median": scores.median,
+        "deviation": scores.deviation,
+        "scale": "log10" if name in _LOGARITHMIC else "linear",
+        "judged": bool(np.isfinite(scores.z).all()),
+    }
+
+
 def _counted(words: Iterable[str | None]) -> dict[str, int]:
-    return dict(Counter(word for word in words if word is not None).most_common())
+    """Return how often each word occurs, the most frequent first."""
+    counter = Counter(word for word in words if word is not None)
+    return dict(counter.most_common())

@@ -126,6 +126,19 @@ def load_stage(path: str | os.PathLike[str], name: str | None = None) -> Stage:
         return stage
 
 
+def load_stages(path: str | os.PathLike[str]) -> tuple[Stage, ...]:
+    """Read every stage of a transmission file, in its order.
+
+    Raises:
+        InputError: the file or a field is wrong; both are named.
+    """
+    with named(path):
+        data, tree = read_tree(path, TRANSMISSION_SCHEMA)
+        stages = stages_from_mapping(data)
+        require_known(tree, _KNOWN[TRANSMISSION_SCHEMA])
+        return stages
+
+
 def _holds(path: Path, model: EfficiencyModel) -> bool:
     """Whether a file holds the same, but for its date."""
     try:

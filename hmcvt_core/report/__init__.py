@@ -1,8 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a person looks at: the page of a diagnosis and the pictures (extra `report`).
+"""Reports and pictures for people: the page and the sheet of a diagnosis (extra `report`).
 
-The page is one self-contained HTML file. It loads nothing, and says all without its script, which
+The page is one self-contained HTML file. It loads nothing and is complete without its script, which
 sorts, marks and saves.
+
+axes        how the axes of a diagnosis are shown
+gap_map     maps of the estimated gap
+residuals   residuals before and after
+watts       where the watts go, before and after
+figures     all of these as the templates of the page name them
+sheet       one page of paper
+pictures    files with a picture; losses, surface, drive_line and panels draw them
+style       letters, colours, formats
 """
 
 import base64
@@ -23,8 +32,10 @@ from ..monitoring import Opening
 from ..transmission.parameters import PARAMETER_NAMES
 from . import figures
 from .panels import draw_opening, draw_separation
-from .pictures import draw_fit, draw_map, draw_surface, drawn
-from .style import TEMPLATES, render
+from .pictures import draw_fit, draw_surface, drawn
+from .sheet import VERDICTS, sheet
+from .style import TEMPLATES, render, report_format
+from .surface import draw_map
 
 # What `plot_map` and `plot` of these show.
 picture.register(EfficiencyModel, partial(drawn, draw_surface))
@@ -45,6 +56,27 @@ def write_html(
         OSError: the folder cannot be written or is full; an old file is untouched.
     """
     write_atomically(Path(path), html(diagnosis))
+
+
+def write_report(
+    diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]
+) -> None:
+    """Write the report of a diagnosis: its page (.html), or one sheet of paper (.pdf).
+
+    Args:
+        diagnosis: of a transmission, of a unit, or of a system that you define.
+        path: its ending names the format.
+
+    Raises:
+        InputError: the ending names no format, or what draws is missing.
+        OSError: the folder cannot be written or is full; an old file is untouched.
+    """
+    if report_format(os.fspath(path)) == ".html":
+        write_html(diagnosis, path)
+        return
+    if isinstance(diagnosis, UnitDiagnosis):
+        diagnosis = diagnosis.diagnosis
+    write_atomically(Path(path), sheet(diagnosis))
 
 
 def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
@@ -74,4 +106,5 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
         words=words,
         figures=figures,
         limits=settings,
+        verdicts=VERDICTS,
     )

@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """How everything drawn looks, on pages and in files: letters, colours, SVG, templates.
 
-Readable in grey and on a projector: large letters, dark lines, and marks or hatches wherever colour
-tells things apart.
+Pictures stay readable in grey and on a projector: large letters, dark lines, and marks or hatches
+wherever colour distinguishes things.
 """
 
 import importlib.util
@@ -17,12 +17,26 @@ from typing import Any
 
 from ..errors import InputError
 
-FORMATS = (".png", ".svg", ".html")
+FORMATS = (".png", ".svg", ".pdf", ".html")
+"""Endings of files with a picture."""
+
+REPORT_FORMATS = (".html", ".pdf")
+"""Endings of files with the report of a diagnosis."""
+
 PANEL = (6.9, 5.0)
 """Size of a figure among others on a page [in]: its letters stay readable on a phone."""
 
-BLUE, ORANGE, INK, SOFT = "#1f5f99", "#b3480a", "#1b1f24", "#57606a"
+BLUE = "#1f5f99"
+ORANGE = "#b3480a"
+INK = "#1b1f24"
+SOFT = "#57606a"
 COLOURS = {"blue": BLUE, "orange": ORANGE, "ink": INK, "soft": SOFT, "rule": "#d5dae0"}
+
+EFFICIENCY_COLOURS = "viridis"
+"""Colour map of every picture of an efficiency: perceptually even, and even in grey."""
+
+GAP_COLOURS = ("#e08a4e", "#f3c9a8", "#ffffff", "#aecbe4", "#5a97c9")
+"""Colours of an estimated gap, from bench below model over none to bench above model."""
 
 # Fill and hatch of every loss, in the order of the stack.
 LOSSES: Mapping[str, tuple[str, str]] = {
@@ -41,10 +55,12 @@ LOSSES: Mapping[str, tuple[str, str]] = {
     "output churning": ("#fbe0c8", "||"),
 }
 
-_SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
-_ICON = 20.0 / 72.0
+_SVG = "http://www.w3.org/2000/svg"
+_LINK = "http://www.w3.org/1999/xlink"
+_ICON_SIZE = 20.0 / 72.0  # in
 TEMPLATES = Path(__file__).parent / "templates"
-_LENGTHS, _NUMBER = frozenset(("d", "x", "y")), re.compile(r"-?\d+\.\d{3,}")
+_LENGTHS = frozenset(("d", "x", "y"))
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 def check_drawable() -> None:
@@ -74,6 +90,19 @@ def picture_format(path: str) -> str:
     return ending
 
 
+def report_format(path: str) -> str:
+    """Return the ending of a report's file.
+
+    Raises:
+        InputError: the ending names none of `REPORT_FORMATS`, or what draws is missing.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in REPORT_FORMATS:
+        raise InputError(f"{path}: a report ends in {', '.join(REPORT_FORMATS)}")
+    check_drawable()
+    return ending
+
+
 @contextmanager
 def styled(size: tuple[float, float] = PANEL) -> Iterator[Any]:
     """Give an empty matplotlib figure, to be drawn and written inside the context.
@@ -98,7 +127,7 @@ def loss_style(part: str) -> dict[str, Any]:
 
 
 def few_ticks(axes: Any) -> None:
-    """Keep the numbers of the axes apart at the size of a phone."""
+    """Set few ticks, so that their numbers stay apart at the size of a phone."""
     axes.locator_params(nbins=6, steps=(1, 2, 5, 10))
 
 
@@ -106,6 +135,13 @@ def to_png(figure: Any, dpi: int = 130) -> bytes:
     """Return a figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
+def to_pdf(figure: Any) -> bytes:
+    """Return a figure as PDF, the same from the same input."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
     return buffer.getvalue()
 
 
@@ -133,16 +169,13 @@ def to_svg(
     text = buffer.getvalue().replace(
         "'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif"
     )
+    # Every name and every reference to one begins with the name of the figure.
     root = ET.fromstring(re.sub(r' id="|href="#|url\(#', rf"\g<0>{name}-", text))
-    for item in root.iter():
-        for key in _LENGTHS.intersection(item.keys()):
-            item.set(
-                key,
-                _NUMBER.sub(lambda found: f"{float(found[0]):.2f}", item.attrib[key]),
-            )
+    _shorten_numbers(root)
     for item in root.iter(f"{{{_SVG}}}g"):
-        if texts := tips.get(item.get("id", "").removeprefix(f"{name}-")):
-            _tip(item, texts)
+        texts = tips.get(item.get("id", "").removeprefix(f"{name}-"))
+        if texts:
+            _add_tips(item, texts)
     root.set("id", name)
     if title:
         root.set("role", "img")
@@ -157,28 +190,48 @@ def to_svg(
     return re.sub(r"\s*\n\s*", " ", ET.tostring(root, encoding="unicode"))
 
 
-def _tip(group: ET.Element, texts: str | Sequence[str]) -> None:
-    """Let a group show one text, or each of its marks its own."""
-    marks = [
-        mark
-        for part in group
-        if part.tag != f"{{{_SVG}}}defs"
-        for mark in part.iter()
-        if mark.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path")
-    ]
+def _shorten_numbers(root: ET.Element) -> None:
+    """Round lengths to a hundredth of a point, which halves the size of a page."""
+    for item in root.iter():
+        for key in _LENGTHS.intersection(item.keys()):
+            item.set(key, _LONG_NUMBER.sub(_two_decimals, item.attrib[key]))
+
+
+def _two_decimals(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}"
+
+
+def _add_tips(group: ET.Element, texts: str | Sequence[str]) -> None:
+    """Add a tooltip to a group, or one to each of its marks."""
     if isinstance(texts, str):
-        marks, texts = [group], [texts]
-    for mark, text in zip(marks, texts, strict=True):
-        title = ET.Element(f"{{{_SVG}}}title")
-        title.text = text
-        mark.insert(0, title)
-        if mark is not group:
-            mark.set("data-test", text.partition(":")[0])
+        _add_title(group, texts)
+        return
+    for mark, text in zip(_marks(group), texts, strict=True):
+        _add_title(mark, text)
+        mark.set("data-test", text.partition(":")[0])
+
+
+def _add_title(item: ET.Element, text: str) -> None:
+    title = ET.Element(f"{{{_SVG}}}title")
+    title.text = text
+    item.insert(0, title)
+
+
+def _marks(group: ET.Element) -> list[ET.Element]:
+    """Return the marks of a scatter plot, without their definitions."""
+    marks = []
+    for part in group:
+        if part.tag == f"{{{_SVG}}}defs":
+            continue
+        for item in part.iter():
+            if item.tag in (f"{{{_SVG}}}use", f"{{{_SVG}}}path"):
+                marks.append(item)
+    return marks
 
 
 def icon(name: str, draw: Callable[[Any], None]) -> str:
     """Return a mark for a legend of the page; `draw` takes axes from 0 to 1."""
-    with styled((_ICON, _ICON)) as figure:
+    with styled((_ICON_SIZE, _ICON_SIZE)) as figure:
         figure.set_layout_engine("none")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, 1.0), ylim=(0.0, 1.0))
         axes.set_axis_off()
@@ -190,7 +243,7 @@ def render(template: str, folder: Path = TEMPLATES, /, **context: Any) -> str:
     """Return a page; everything that a template prints is escaped, and nothing is loaded.
 
     Args:
-        template: its name; it may extend `base.html.j2` and include what stands beside that.
+        template: its name; it may extend `base.html.j2` and include the files next to that.
         folder: where it lies.
         context: what it names. `Markup` and SVG of `to_svg` go in as they are.
     """
@@ -213,7 +266,7 @@ def _printable(value: Any) -> Any:
     """Replace what no page may hold, such as control characters in the name of a file."""
     if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
-    return "".join(
-        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}"
-        for letter in value
-    )
+    letters = []
+    for letter in value:
+        letters.append(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}")
+    return "".join(letters)

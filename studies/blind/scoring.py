@@ -247,7 +247,11 @@ _QUESTIONS = (
     ),
     _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
     _Question(
-        "correctly named: 85 % of the squared gap removed", 0.85, LISTED, _gone, then="85 %"
+        "correctly named: 85 % of the squared gap removed",
+        0.85,
+        LISTED,
+        _gone,
+        then="85 %",
     ),
     _Question(
         "removed, where noise and misfit permit",

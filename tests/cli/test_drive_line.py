@@ -132,6 +132,7 @@ def test_optimum_of_the_drive_line(hmcvt):
         "engine_torque",
         "fuel_rate",
         "limit",
+        "inside_domain",
     ]
     assert found["engine_speed"] * found["load_torque"] == pytest.approx(40e3)
     text = hmcvt(*asked, "--engine", ENGINE).out

@@ -16,7 +16,7 @@ WORDS = {
         "engine speed [r/min]",
         "output speed / engine speed [-]",
         "efficiency [%]",
-        "Efficiency at 23 kW",
+        "Efficiency at 23 kW, stage HM4",
         "best at an engine speed",
         "best at an output speed",
         "data of the identification",
@@ -26,7 +26,7 @@ WORDS = {
         "lost, % of engine power",
         "leakage",
         "motor damping",
-        "Where the watts go: 1400 r/min, 200 N m",
+        "Where the watts go: stage HM4, 1400 r/min, 200 N m",
     },
     "identify": {
         "predicted efficiency [%]",

@@ -1,0 +1,197 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt transmission new` and `hmcvt transmission check`."""
+
+from pathlib import Path
+
+import click
+
+from ..errors import InputError
+from ..files import data_path
+from ..files.atomic import write_atomically
+from ..model.parameter_file import load_stages
+from ..report.pictures import save
+from ..report.power_paths import draw_power_paths
+from ..transmission.check import STROKES, TransmissionCheck, check_stages
+from ..transmission.new_file import commented_file, stage_from_text
+from . import common
+from .common import Answer
+
+_STAGE_EXAMPLE = (
+    "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring"
+)
+
+
+@click.group("transmission")
+def group() -> None:
+    """Write a transmission file from gear ratios, and check one."""
+
+
+def _named_number(text: str) -> tuple[str, float]:
+    """Read a name and a number, such as 1=1.439."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not a name and a ratio: write 1=1.439"
+        ) from None
+
+
+@common.command(
+    "new",
+    """
+  hmcvt transmission new T.yaml
+  hmcvt transmission new T.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 --gear-pair 4=0.678 \\
+      --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 --planetary-row k1=2.56 \\
+      --stage "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring\"""",
+)
+@click.argument("out", metavar="T.yaml", type=common.OutputFile())
+@click.option(
+    "--gear-pair",
+    "gear_pairs",
+    type=_named_number,
+    multiple=True,
+    metavar="NAME=RATIO",
+    help="Driving speed / driven speed of a pair, once for each pair.",
+)
+@click.option(
+    "--planetary-row",
+    "rows",
+    type=_named_number,
+    multiple=True,
+    metavar="NAME=K",
+    help="Teeth of the ring / teeth of the sun, once for each row.",
+)
+@click.option(
+    "--pump-displacement",
+    type=float,
+    default=55.0,
+    show_default=True,
+    help="In cm3/rev.",
+)
+@click.option(
+    "--motor-displacement",
+    type=float,
+    default=55.0,
+    show_default=True,
+    help="In cm3/rev.",
+)
+@click.option(
+    "--gear-efficiency",
+    type=common.fraction,
+    default=0.98,
+    show_default=True,
+    help="Of every gear pair.",
+)
+@click.option(
+    "--stage",
+    "stages",
+    multiple=True,
+    metavar="TEXT",
+    help="Name and paths of a stage, once for each stage; see the examples. A minus in "
+    "front of the gear pairs reverses a path. Asked for when left out.",
+)
+def new(
+    out: str,
+    gear_pairs: tuple[tuple[str, float], ...],
+    rows: tuple[tuple[str, float], ...],
+    pump_displacement: float,
+    motor_displacement: float,
+    gear_efficiency: float,
+    stages: tuple[str, ...],
+) -> Answer:
+    """Write a commented transmission file from gear ratios, and check it.
+
+    Without --stage the ratios and stages are asked for.
+    """
+    if Path(out).exists():
+        raise click.UsageError(f"{out}: exists; write another file")
+    if not stages:
+        gear_pairs = gear_pairs or _asked_numbers("Gear pair, such as 1=1.439")
+        rows = rows or _asked_numbers("Planetary row, such as k1=2.56")
+        stages = _asked_stages()
+    text = commented_file(
+        Path(out).stem,
+        dict(gear_pairs),
+        dict(rows),
+        (pump_displacement, motor_displacement),
+        [stage_from_text(stage) for stage in stages],
+        gear_efficiency,
+    )
+    write_atomically(Path(out), text)
+    try:
+        loaded = load_stages(out)
+    except InputError:
+        Path(out).unlink()
+        raise
+    check = check_stages(loaded)
+    return Answer(check.to_dict(), [_report(check), f"written to {out}"])
+
+
+def _asked_numbers(prompt: str) -> tuple[tuple[str, float], ...]:
+    numbers: list[tuple[str, float]] = []
+    while True:
+        text = click.prompt(f"{prompt} (empty to go on)", default="", err=True)
+        if not text:
+            return tuple(numbers)
+        numbers.append(_named_number(text))
+
+
+def _asked_stages() -> tuple[str, ...]:
+    click.echo(f"A stage is written as: {_STAGE_EXAMPLE}", err=True)
+    stages: list[str] = []
+    while True:
+        text = click.prompt("Stage (empty to end)", default="", err=True)
+        if not text and stages:
+            return tuple(stages)
+        if text:
+            stages.append(text)
+
+
+@common.command(
+    "check",
+    """
+  hmcvt transmission check params/transmission.yaml
+  hmcvt transmission check T.yaml --picture paths.svg --json""",
+    common.picture_option,
+)
+@click.argument("transmission", metavar="[T.yaml]", required=False)
+def check(transmission: str | None, picture: str | None) -> Answer:
+    """Check a transmission file: speed ratios, direction, and how the stages meet.
+
+    The picture is a sketch of the power paths. The shipped file is checked when none is given.
+    """
+    common.keep_inputs([transmission], [picture])
+    path = transmission or str(data_path("params/transmission.yaml"))
+    stages = load_stages(path)
+    result = check_stages(stages)
+    lines = [_report(result)]
+    if picture is not None:
+        save(draw_power_paths, picture, stages, result)
+        lines.append(f"picture written to {picture}")
+    return Answer(result.to_dict(), lines)
+
+
+def _report(check: TransmissionCheck) -> str:
+    """Return a check as text."""
+    head = ["stage", "layout"]
+    head += [f"ratio at {stroke:+g}" for stroke in STROKES]
+    head += ["direction", "larger stroke"]
+    rows = []
+    for stage in check.stages:
+        ratios = [f"{ratio:.4f}" for ratio in stage.ratios]
+        effect = "faster" if stage.rising else "slower"
+        rows.append((stage.name, stage.layout, *ratios, stage.direction, effect))
+    lines = [common.table(head, rows)]
+    for meeting in check.overlaps:
+        kind = "overlap" if meeting.overlap >= 0.0 else "gap"
+        lines.append(
+            f"{meeting.lower} to {meeting.upper}: {meeting.lower_end:.4f} to "
+            f"{meeting.upper_end:.4f}, {kind} of {100 * abs(meeting.overlap):.2f} %"
+        )
+    lines += [f"note: {remark}" for remark in check.remarks]
+    return "\n".join(lines)
+
+
+group.add_command(new)
+group.add_command(check)

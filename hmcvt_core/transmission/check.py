@@ -1,0 +1,149 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Check of a transmission: what its gear ratios make of the speeds, and how stages meet.
+
+Everything here is kinematic: hydraulic units without slip, eq. (5).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from .stage import Stage, speed_ratio
+
+STROKES = (-1.0, 0.0, 1.0)
+"""Displacement ratios at which a check states the speed ratio [-]."""
+
+WIDE_GAP = 0.01
+"""Ratio gap between stages from which a check warns, as a part of the ratio: the best reading of
+Table 1 meets within 0.3 %, so three times as much is no rounding of teeth."""
+
+
+@dataclass(frozen=True)
+class StageSpeeds:
+    """Speeds of one stage.
+
+    Attributes:
+        name: of the stage.
+        layout: `input_coupled`, `output_coupled` or `hydrostatic`.
+        ratios: output speed / engine speed at `STROKES` [-]; NaN where the stage has no
+            finite speed.
+        direction: `forward`, `reverse`, or `both` where the output passes standstill.
+        rising: whether a larger displacement ratio raises the output speed.
+    """
+
+    name: str
+    layout: str
+    ratios: tuple[float, ...]
+    direction: str
+    rising: bool
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How two stages that follow each other meet at full stroke.
+
+    Attributes:
+        lower: name of the slower stage.
+        upper: name of the faster stage.
+        lower_end: highest speed ratio of the slower stage [-].
+        upper_end: lowest speed ratio of the faster stage [-].
+        overlap: (lower_end - upper_end) / lower_end [-]; negative where ratios are missing between
+            the stages.
+    """
+
+    lower: str
+    upper: str
+    lower_end: float
+    upper_end: float
+    overlap: float
+
+
+@dataclass(frozen=True)
+class TransmissionCheck:
+    """Result of `check_stages`.
+
+    Attributes:
+        stages: one entry per stage.
+        overlaps: one entry per pair of neighbours of one direction, slowest first.
+        remarks: what looks wrong, in plain sentences.
+    """
+
+    stages: tuple[StageSpeeds, ...]
+    overlaps: tuple[Overlap, ...]
+    remarks: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data."""
+        return asdict(self)
+
+
+def check_stages(stages: Sequence[Stage]) -> TransmissionCheck:
+    """Check the speed ratios of the stages of one transmission.
+
+    Args:
+        stages: in any order.
+    """
+    speeds = tuple(_speeds(stage) for stage in stages)
+    overlaps = _overlaps(speeds)
+    remarks = []
+    for entry in speeds:
+        if not np.isfinite(entry.ratios).all():
+            remarks.append(
+                f"{entry.name}: the speed ratio is not finite over the whole stroke"
+            )
+    for meeting in overlaps:
+        if meeting.overlap < -WIDE_GAP:
+            remarks.append(
+                f"{meeting.lower} ends at {meeting.lower_end:.4f}, {meeting.upper} begins "
+                f"at {meeting.upper_end:.4f}: no stage drives the ratios between"
+            )
+    return TransmissionCheck(speeds, overlaps, tuple(remarks))
+
+
+def _speeds(stage: Stage) -> StageSpeeds:
+    with np.errstate(divide="ignore"):
+        ratios = speed_ratio(stage, np.array(STROKES))
+    ratios = np.where(np.isfinite(ratios), ratios, np.nan)
+    direction = "both"
+    if np.nanmin(ratios) >= 0.0:
+        direction = "forward"
+    elif np.nanmax(ratios) <= 0.0:
+        direction = "reverse"
+    return StageSpeeds(
+        name=stage.name,
+        layout=stage.layout,
+        ratios=tuple(ratios.tolist()),
+        direction=direction,
+        rising=bool(ratios[-1] > ratios[0]),
+    )
+
+
+def _overlaps(speeds: Sequence[StageSpeeds]) -> tuple[Overlap, ...]:
+    """Compare neighbours; reverse stages are compared by the size of their ratios."""
+    overlaps = []
+    for directions in (("forward", "both"), ("reverse",)):
+        chain = []
+        for entry in speeds:
+            if entry.direction in directions:
+                chain.append((_range(entry), entry.name))
+        chain.sort()
+        for i in range(len(chain) - 1):
+            lower_range, lower = chain[i]
+            upper_range, upper = chain[i + 1]
+            end = lower_range[1]
+            start = upper_range[0]
+            overlaps.append(Overlap(lower, upper, end, start, (end - start) / end))
+    return tuple(overlaps)
+
+
+def _range(entry: StageSpeeds) -> tuple[float, float]:
+    """Lowest and highest ratio of a stage, as sizes in its main direction."""
+    finite = [ratio for ratio in entry.ratios if math.isfinite(ratio)]
+    if entry.direction == "reverse":
+        return -max(finite), -min(finite)
+    return min(finite), max(finite)

@@ -1,0 +1,77 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt transmission`, and errors of the files that hold a gear train."""
+
+import pytest
+
+from .running import HM4, ROOT, assert_refused
+
+PAIRS = {"2": 0.969, "3": 1.484, "4": 0.678, "5": 1.96, "6": 0.982, "11": 0.823}
+STAGE = "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring"
+SHIPPED = ROOT / "params" / "transmission.yaml"
+
+
+def arguments(path):
+    pairs = []
+    for name, ratio in PAIRS.items():
+        pairs += ["--gear-pair", f"{name}={ratio}"]
+    return ("transmission", "new", path, *pairs, "--planetary-row", "k1=2.56")
+
+
+def test_new_file_is_the_shipped_stage(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    made = hmcvt(*arguments(path), "--stage", STAGE, "--json")
+    assert made.code == 0 and "# Teeth of the ring" in path.read_text()
+    assert made.json == hmcvt("transmission", "check", SHIPPED, "--json").json
+    ratios = made.json["stages"][0]["ratios"]
+    assert ratios == pytest.approx([0.83286, 1.19658, 1.56029], abs=1e-5)  # eq. (5)
+    assert_refused(hmcvt(*arguments(path), "--stage", STAGE), "exists")
+
+
+def test_a_wrong_stage_leaves_no_file(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    assert_refused(hmcvt(*arguments(path), "--stage", "HM4 rw=k1"), "'rw=k1'")
+    assert_refused(
+        hmcvt(*arguments(path), "--stage", STAGE.replace("=4", "=9")), "gear_pairs.9"
+    )
+    assert not path.exists()
+
+
+def test_check_draws_the_power_paths(hmcvt, tmp_path):
+    picture = tmp_path / "paths.svg"
+    done = hmcvt("transmission", "check", SHIPPED, "--picture", picture)
+    assert done.code == 0 and "forward" in done.out
+    drawn = picture.read_text(encoding="utf-8")
+    assert all(
+        word in drawn for word in ("engine", "pump", "motor", "output", "6 x 11")
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("1: 1.439", "1: 1,439", ("439", "line 6", "no value")),
+        ("pump_friction: 0.01", "pump_friction: 0,01", ("pump_friction", "0.01")),
+    ],
+)
+def test_decimal_comma_is_refused_with_its_line(hmcvt, tmp_path, old, new, words):
+    path = tmp_path / "T.yaml"
+    path.write_text(SHIPPED.read_text().replace(old, new, 1))
+    assert_refused(hmcvt("transmission", "check", path), *words)
+
+
+def test_the_kind_of_file_is_named(hmcvt):
+    assert_refused(
+        hmcvt("transmission", "check", HM4),
+        "is a parameter file of a model; wanted is a transmission file",
+    )
+    assert_refused(
+        hmcvt("map", "--params", SHIPPED),
+        "is a transmission file; wanted is a parameter file",
+    )
+
+
+def test_reports_have_a_format(hmcvt, tmp_path):
+    assert_refused(
+        hmcvt("diagnose", "x.csv", "--report", tmp_path / "r.txt"),
+        "r.txt: a report ends in .html, .pdf",
+    )
