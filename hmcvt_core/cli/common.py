@@ -17,8 +17,8 @@ import click
 
 from ..files import data_path, plain
 from ..files.bench import BenchSamples
-from ..files.guess import UNITS
-from ..files.table import parsed
+from ..files.tables.numbers import parsed
+from ..files.tables.units import UNITS
 from ..model.agreement import LOADS, STROKES, operating_point
 from ..model.domain import AXES
 from ..model.model import FORMULATIONS, EfficiencyModel

@@ -22,8 +22,8 @@ from ..transmission.ranges import (
     OperatingPoints,
 )
 from .atomic import write_atomically
-from .guess import holds_units
 from .table import Table, csv_text, read_plain
+from .tables.units import holds_units
 
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
 

@@ -10,8 +10,8 @@ import click
 
 from hmcvt_core import InputError, write_bench
 from hmcvt_core.cli.common import Answer, OutputFile, Progress, answers
-from hmcvt_core.files.guess import UNITS
 from hmcvt_core.files.steady import Shafts
+from hmcvt_core.files.tables.units import UNITS
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
