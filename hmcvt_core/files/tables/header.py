@@ -24,7 +24,7 @@ from .reading import (
     split_rows,
 )
 from .rules import names_quantity
-from .units import holds_units
+from .units import holds_units, usual_unit
 
 _TOP = 60
 """Filled rows among which the header is looked for; exports have up to 40 lines of keys."""
@@ -169,22 +169,24 @@ def _header(
         return header_row, rows[header_row - 1] if header_row <= len(rows) else []
     filled = [number for number, row in enumerate(rows[: 10 * _TOP]) if any(row)][:_TOP]
     best = (0, [""])
-    best_rank = (False, -1, False)
+    best_rank = (False, 0, True)
     first = next((n for n in filled if not rows[n][0].startswith("#")), None)
     for number in filled:
-        if _numeric(rows[number]) or rows[number][0].startswith("#"):
+        row = rows[number]
+        if _numeric(row) or _mostly_units(row):
             continue
-        options = [rows[number]]
+        options = [row]
         above = rows[number - 1] if number else []
         groups = sum(map(bool, above)) >= 2  # one cell alone is a title
-        if len(above) == len(rows[number]) and groups and not _numeric(above):
-            options.append(_joined(above, rows[number]))
+        if len(above) == len(row) and groups and not _numeric(above):
+            options.append(_joined(above, row))
+        comment = row[0].startswith("#")
         for header in options:
-            rank = (_matches(header, names), _worth(header), False)
+            rank = (_matches(header, names), _worth(header), not comment)
             if rank > best_rank:
                 best = (number + 1, header)
                 best_rank = rank
-    if best_rank[:2] <= (False, 0) and first is not None:
+    if best[0] == 0 and first is not None:
         return first + 1, rows[first]
     return best
 
@@ -200,6 +202,13 @@ def _numeric(row: Sequence[str]) -> bool:
     filled = [cell for cell in row if cell]
     numbers = sum(is_number(cell) for cell in filled)
     return 2 * numbers >= len(filled) > 0
+
+
+def _mostly_units(row: Sequence[str]) -> bool:
+    """Return whether at least half of the filled cells of a row are units."""
+    filled = [cell for cell in row if cell]
+    units = sum(usual_unit(cell) is not None for cell in filled)
+    return 2 * units >= len(filled) > 0
 
 
 def _matches(header: Sequence[str], names: Collection[str]) -> bool:

@@ -48,7 +48,7 @@ _SPARE = (
 _RAD_PER_S_UP_TO = 320.0
 _KW_UP_TO = 200.0
 _W_FROM = 2000.0
-_NM_FROM = 5.0
+_NM_FROM = 60.0
 _DECIMALS = ("--decimal point", "--decimal comma")
 _LONG_TABLE = 30
 """Rows from which a time without a unit is asked, since the table may be a recording."""
@@ -230,6 +230,7 @@ def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
     _same_speed_units(proposed, given)
     _assign_sides(candidates, proposed, given, questions, notes)
     spares = _take_spares(proposed, given)
+    spares = {name: spares[name] for name in spares if name not in questions}
     if "stamp" in questions and not questions["stamp"].options:
         del questions["stamp"]
         del proposed["stamp"]

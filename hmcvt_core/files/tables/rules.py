@@ -368,7 +368,7 @@ def _kind(words: list[str], unit: Unit | None) -> tuple[str, bool, str]:
     if not kinds:
         return "", False, ""
     letter = next(word for word in words if word in SYMBOLS)
-    return SYMBOLS[letter][0], letter in _WEAK_SYMBOLS and unit is None, ""
+    return SYMBOLS[letter][0], letter in _WEAK_SYMBOLS, ""
 
 
 def _checked_part(kind: str, unit: Unit | None) -> tuple[str, bool, str]:

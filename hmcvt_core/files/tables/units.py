@@ -64,8 +64,14 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "part": _PART,
-        "speed": _SPEED,
-        "torque": _TORQUE,
+        "speed": {**_SPEED, "deg/s": np.pi / 180.0},
+        "torque": {
+            **_TORQUE,
+            "daN m": 10.0,
+            "N cm": 0.01,
+            "kgf m": 9.80665,
+            "lb in": 0.1129848290276167,
+        },
         "power": _POWER,
         "temperature": UNITS["oil_temperature"],
         "time": UNITS["stamp"],
@@ -88,6 +94,9 @@ _ALSO = {
     "rad/s": "rad/sec 1rad/s rads-1 s-1rad",
     "lb ft": "lbfft lbft ftlb ftlbf ftlbs lbsft footpound footpounds poundfeet lbf*ft",
     "kNm": "kN*m",
+    "kgf m": "kpm mkp mkg kgm",
+    "lb in": "lbfin inlb inlbf inlbs lbin",
+    "deg/s": "grad/s deg/sec",
     "hp": "bhp horsepower",
     "PS": "cv ch",
     "rpm": "/min t/min tr/min rev/min rev/minute giri/min upm umin-1 r.p.m. rpms "
@@ -182,16 +191,6 @@ def _known_units() -> dict[str, Unit]:
 
 
 _WRITTEN = _known_units()
-# Dimensions as pint writes them; a torque has those of an energy, which pint cannot tell apart.
-_DIMENSIONS = {
-    "[mass] * [length] ** 2 / [time] ** 2": "torque",
-    "[mass] * [length] ** 2 / [time] ** 3": "power",
-    "1 / [time]": "speed",
-    "[mass] / [length] / [time] ** 2": "pressure",
-    "[temperature]": "temperature",
-    "[time]": "time",
-    "[length] ** 3 / [time]": "flow",
-}
 _BASE_UNITS = {
     "torque": "N*m",
     "power": "W",
@@ -240,10 +239,18 @@ def _unit_by_pint(text: str) -> Unit | None:
         unit = _registry().parse_units(written)
     except Exception:  # pint raises errors of many kinds for what is no unit
         return None
-    kind = _DIMENSIONS.get(str(unit.dimensionality), "other")
+    kind = _kind_by_dimension(unit)
     if kind == "torque" and _ENERGIES.search(str(unit)):
         kind = "other"
     return Unit(kind, text)
+
+
+def _kind_by_dimension(unit: Any) -> str:
+    """Return what a unit of pint measures; a torque has the dimension of an energy."""
+    for kind, base in _BASE_UNITS.items():
+        if _registry().parse_units(base).dimensionality == unit.dimensionality:
+            return kind
+    return "other"
 
 
 @lru_cache(maxsize=256)
@@ -285,6 +292,6 @@ _NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
 
 def holds_units(cells: Sequence[str]) -> bool:
     """Return whether a row holds only words, with units among them."""
-    units = [cell for cell in cells if cell and unit_of(cell) is not None]
+    units = [cell for cell in cells if cell and usual_unit(cell) is not None]
     others = [cell for cell in cells if cell and unit_of(cell) is None]
     return bool(units) and not any(_NUMERIC.match(cell) for cell in others)
