@@ -25,7 +25,6 @@ from .files.atomic import (
     write_atomically,
 )
 from .files.bench import joined
-from .files.guess import UNITS
 from .files.steady import (
     SETTLED,
     Readings,
@@ -41,6 +40,7 @@ from .files.steady import (
     split_at_gaps,
     steady_tests,
 )
+from .files.tables.units import UNITS
 from .fleet import ONE_BLAS_THREAD
 from .identification.refit import refit
 from .model.optimum import HOLDS

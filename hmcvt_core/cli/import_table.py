@@ -2,42 +2,51 @@
 """`hmcvt import`, and `hmcvt import-csv`, its older name."""
 
 import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import click
 
 from ..errors import InputError
-from ..files.bench import write_bench
-from ..files.guess import UNITS
-from ..files.raw import choose_columns, import_table
+from ..files.atomic import write_atomically
+from ..files.bench import BenchSamples, write_bench
+from ..files.raw import Column, Proposal, choose_columns, import_table
+from ..files.tables.header import RawTable
+from ..files.tables.mapping import mapping_text, read_mapping
+from ..files.tables.units import UNITS
 from ..transmission.ranges import BENCH_COLUMNS
 from . import common
 from .common import Answer
 
 _TEXTS = {
     "displacement_ratio": "Pump stroke.",
-    "engine_torque": "With output torque and speed it tells the efficiency.",
+    "engine_torque": "With output torque and speed it gives the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
     "efficiency_std": "Standard deviation of the efficiency.",
-    "stamp": "Time of the test; dates and times of day will do.",
+    "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
     "pressure": "Over the motor, high minus low side.",
     "stage": "Stage engaged, as text.",
 }
 
 
-_quantities = common.options(
-    *(
-        click.option(
-            f"--{quantity.replace('_', '-')}",
-            metavar="COLUMN[:UNIT]",
-            help=" ".join(filter(None, (_TEXTS.get(quantity), units))),
+def _quantity_options() -> Any:
+    """Return one option for each quantity."""
+    made = []
+    for quantity in (*UNITS, "stage"):
+        units = UNITS.get(quantity)
+        words = [_TEXTS.get(quantity, "")]
+        if units:
+            words.append(f"[{', '.join(units)}]")
+        made.append(
+            click.option(
+                f"--{quantity.replace('_', '-')}",
+                metavar="COLUMN[:UNIT]",
+                help=" ".join(word for word in words if word),
+            )
         )
-        for quantity, units in (
-            *((key, f"[{', '.join(value)}]") for key, value in UNITS.items()),
-            ("stage", ""),
-        )
-    )
-)
+    return common.options(*made)
 
 
 @common.command(
@@ -58,118 +67,214 @@ _quantities = common.options(
     metavar="BENCH.csv",
     help="Write the bench samples.",
 )
-@_quantities
+@_quantity_options()
 @click.option(
     "--header-row",
     type=click.IntRange(1, 10_000),
     metavar="LINE",
-    help="Line of the header, from 1; found when left out.",
+    help="Line of the header, from 1; searched when left out.",
 )
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
-@click.option("--yes", is_flag=True, help="Take the guess of what is not named.")
+@click.option(
+    "--decimal",
+    type=click.Choice(["point", "comma"]),
+    help="Decimal sign of all columns; the table decides when left out.",
+)
+@click.option(
+    "--mapping",
+    metavar="FILE.yaml",
+    help="Columns and settings of a file that --save-mapping wrote.",
+)
+@click.option(
+    "--save-mapping",
+    type=common.OutputFile(),
+    metavar="FILE.yaml",
+    help="Write the columns and settings used, for tables of the same kind.",
+)
+@click.option(
+    "--yes", is_flag=True, help="Take the proposal, where nothing in it is open."
+)
 @click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
 @click.option(
     "--averaged",
     is_flag=True,
     help="Each row is a steady test, however fast the stamps rise.",
 )
+@click.option(
+    "--unchecked",
+    is_flag=True,
+    help="Take values that contradict each other or look like another unit.",
+)
 def command(
     raw: str,
     out: str,
     header_row: int | None,
     sheet: str | None,
+    decimal: str | None,
+    mapping: str | None,
+    save_mapping: str | None,
     yes: bool,
     skip_bad: bool,
     averaged: bool,
+    unchecked: bool,
     **given: str | None,
 ) -> Answer:
     """Turn the table of your bench (CSV, Excel) into bench samples.
 
-    Each option names a column of TABLE, or a number for all rows, and the unit, the first in
-    brackets when left out. What is not named is guessed: without --yes the guess is shown and
-    nothing is written. Efficiency and load torque are computed where no column holds them. Other
+    Each option names a column of TABLE, or a number for all rows, and the unit; without a unit
+    that of the header holds, else the first in brackets. For what is not named, columns are
+    proposed: without --yes the proposal is shown and nothing is written. What the table leaves
+    open is asked. Efficiency and load torque are computed where no column holds them. Other
     columns are kept. A recording is cut into its steady windows.
     """
-    common.keep_inputs([raw], [out])
-    columns = {quantity: text for quantity, text in given.items() if text is not None}
-    table, chosen = choose_columns(
-        raw, columns, header_row=header_row, sheet=sheet, guess=True
-    )
-    guesses = {quantity: column for quantity, column in chosen.items() if column.why}
-    columns |= {
-        quantity: f"{column.name}:{column.unit}" if column.unit else column.name
-        for quantity, column in guesses.items()
+    inputs = [raw] if mapping is None else [raw, mapping]
+    common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
+    settings: dict[str, Any] = {
+        "header_row": header_row,
+        "sheet": sheet,
+        "decimal": decimal,
     }
-    options = {**columns, "header_row": header_row, "sheet": sheet}
-    command = ["hmcvt", "import", raw, "--out", out]
-    for name, value in options.items():
-        command += [f"--{name.replace('_', '-')}", str(value)] * (value is not None)
-    command += ["--averaged"] * averaged + ["--skip-bad"] * skip_bad
-    told = [
-        common.table(
-            ("quantity", "column", "unit", "told by"),
-            [
-                (quantity, column.name, column.unit or "-", column.why)
-                for quantity, column in guesses.items()
-            ],
-        ),
-        "",
-        f"the same said: {shlex.join(command)}",
-    ]
+    named: dict[str, str] = {}
+    if mapping is not None:
+        named, saved = read_mapping(mapping)
+        settings |= {
+            name: value for name, value in saved.items() if settings[name] is None
+        }
+    named |= {quantity: text for quantity, text in given.items() if text is not None}
+    table, proposal = choose_columns(raw, named, guess=True, **settings)
+    guesses = {name: column for name, column in proposal.columns.items() if column.why}
+    columns = named | {name: _text(column) for name, column in guesses.items()}
+    flags = {"averaged": averaged, "skip-bad": skip_bad, "unchecked": unchecked}
+    explained = _explanation(table, guesses, proposal)
+    explained.append(f"the same said: {_command(raw, out, columns, settings, flags)}")
+    _refuse_open(table, proposal, explained)
     try:
-        found = import_table(
+        imported = import_table(
             table,
-            chosen,
+            proposal,
             averaged=averaged,
             skip_bad=skip_bad or bool(guesses and not yes),
+            unchecked=unchecked,
         )
     except InputError as error:
         if not guesses:
             raise
-        click.echo("\n".join(told), err=True)
+        click.echo("\n".join(explained), err=True)
         raise InputError(
-            f"{error}; this was guessed: name the column and unit that are wrong, or "
+            f"{error}; columns were proposed: name the column and unit that are wrong, or "
             "a number that holds in all rows"
         ) from None
-    samples = found.samples
+    samples = imported.samples
     data = {
         "samples": len(samples),
         "out": None,
-        "left_out": found.left_out,
-        "notes": found.notes,
+        "left_out": imported.left_out,
+        "notes": imported.notes,
         "from": columns,
+        "header_row": table.header_row,
+        "sheet": table.sheet or None,
+        "rows": len(table.rows) + len(table.broken),
     }
     if guesses and not yes:
-        return Answer(
-            data,
-            [
-                *told,
-                *(f"without {line}" for line in found.left_out),
-                *found.notes,
-                f"{len(samples)} bench samples would be written; --yes takes the guess, an option "
-                "corrects it"
-                + "; --skip-bad leaves the rows above out"
-                * bool(found.left_out),
-            ],
-        )
+        return Answer(data, [*explained, *_preview(imported, len(samples))])
     write_bench(out, samples)
-    kept = {
-        column.name: {"unit": column.unit, "low": values.min(), "high": values.max()}
-        for column in BENCH_COLUMNS
-        if (values := samples.columns.get(column.name)) is not None
-    }
+    if save_mapping is not None:
+        write_atomically(Path(save_mapping), mapping_text(columns, settings))
+    kept = _summary(samples)
     return Answer(
         {**data, "out": out, "columns": kept},
         [
+            _source_line(table),
             common.table(
                 ("column", "unit", "lowest", "highest"),
                 [
-                    (name, each["unit"], f"{each['low']:.4g}", f"{each['high']:.4g}")
-                    for name, each in kept.items()
+                    (name, row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}")
+                    for name, row in kept.items()
                 ],
             ),
-            *(f"left out: {each}" for each in found.left_out),
-            *found.notes,
+            *(f"left out: {line}" for line in imported.left_out),
+            *imported.notes,
             f"{len(samples)} bench samples written to {out}",
         ],
     )
+
+
+def _text(column: Column) -> str:
+    """Return a column as its option takes it."""
+    return f"{column.name}:{column.unit}" if column.unit else column.name
+
+
+def _command(
+    raw: str,
+    out: str,
+    columns: Mapping[str, str],
+    settings: Mapping[str, Any],
+    flags: Mapping[str, bool],
+) -> str:
+    """Return the command that names every column."""
+    words = ["hmcvt", "import", raw, "--out", out]
+    for name, value in {**columns, **settings}.items():
+        if value is not None:
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    words += [f"--{name}" for name, given in flags.items() if given]
+    return shlex.join(words)
+
+
+def _source_line(table: RawTable) -> str:
+    """Say which file, sheet, header and rows were read."""
+    sheet = f", sheet {table.sheet!r}" if table.sheet else ""
+    units = " and a row of units" if table.units else ""
+    return (
+        f"{table.source}{sheet}: header in row {table.header_row}{units}, "
+        f"{len(table.rows) + len(table.broken)} rows below it"
+    )
+
+
+def _explanation(
+    table: RawTable, guesses: Mapping[str, Column], proposal: Proposal
+) -> list[str]:
+    """Return the proposal with the reason of every column."""
+    rows = [
+        (quantity, column.name, column.unit or "-", column.why)
+        for quantity, column in guesses.items()
+    ]
+    lines = [
+        _source_line(table),
+        common.table(("quantity", "column", "unit", "reason"), rows),
+    ]
+    for quantity, column in proposal.spares.items():
+        lines.append(f"compared with it: {quantity} in column {column.name!r}")
+    return [*lines, ""]
+
+
+def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> None:
+    """Raise an `InputError` with what the table leaves open."""
+    if not proposal.questions:
+        return
+    click.echo("\n".join(explained), err=True)
+    questions = "; ".join(str(question) for question in proposal.questions)
+    raise InputError(f"{table.source}: {questions}")
+
+
+def _preview(imported: Any, count: int) -> list[str]:
+    skip = "; --skip-bad leaves the rows above out" if imported.left_out else ""
+    return [
+        *(f"without {line}" for line in imported.left_out),
+        *imported.notes,
+        f"{count} bench samples would be written; --yes takes the proposal, an option "
+        f"corrects it{skip}",
+    ]
+
+
+def _summary(samples: BenchSamples) -> dict[str, dict[str, Any]]:
+    """Return unit, lowest and highest value of every column."""
+    kept = {}
+    for column in BENCH_COLUMNS:
+        values = samples.columns.get(column.name)
+        if values is not None:
+            kept[column.name] = {
+                "unit": column.unit,
+                "low": values.min(),
+                "high": values.max(),
+            }
+    return kept

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from ..files.guess import UNITS
-from ..files.table import parsed
+from ..files.tables.numbers import parsed
+from ..files.tables.units import UNITS
 
 
 def _reader(

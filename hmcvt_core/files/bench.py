@@ -23,8 +23,8 @@ from ..transmission.ranges import (
 )
 from .atomic import write_atomically
 from .checks import is_dataframe, is_path, require_path, wrong_type
-from .guess import holds_units
 from .table import Table, csv_text, read_plain
+from .tables.units import holds_units
 
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
 

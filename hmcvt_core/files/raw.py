@@ -1,83 +1,75 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Bench samples from a table with names and units of its own, of tests or of a recording."""
+"""Bench samples from a table with its own names and units, of tests or of a recording.
 
+The steps of `hmcvt_core.files.tables`, put together: `choose_columns` reads the table and proposes
+columns, `import_table` converts and checks the values and makes the samples.
+"""
+
+import math
 import os
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import replace
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
-from ..transmission.ranges import BENCH_COLUMNS, Array, Range
+from ..transmission.ranges import Array
 from .bench import BenchSamples, column_name
-from .guess import UNITS, likely_unit, quantity_of, strange_words, unit_of
-from .steady import (
-    Readings,
-    Shafts,
-    Steadiness,
-    complaint,
-    held,
-    split_at_gaps,
-    steady_tests,
+from .recordings import cut, is_recording, looks_recorded, powers
+from .tables.checks import contradictions, implausible, suspect_efficiency
+from .tables.header import RawTable, read_table
+from .tables.numbers import is_number, no_number, not_available, parsed, read_numbers
+from .tables.proposal import (
+    INPUTS,
+    OUTPUTS,
+    RANGES,
+    Column,
+    Proposal,
+    Question,
+    missing_quantities,
+    named_column,
+    option,
+    propose,
 )
-from .table import STATISTIC, Table, no_number, parsed, read_table
+from .tables.rules import meaning_of
+from .tables.stamps import read_times
+from .tables.units import UNITS, kind_of, to_si, unit_of
 
-_ZERO = {"deg F": 32.0, "K": 273.15}  # of a unit, in that unit
-_KEPT = {column.name: column for column in BENCH_COLUMNS}
-_RANGES = {
-    **_KEPT,
-    **{
-        name: Range(name, 0.1, 20_000.0, "N m", "positive in forward driving")
-        for name in ("engine_torque", "output_torque")
-    },
-    **{
-        name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
-        for name in ("engine_power", "output_power")
-    },
-}
-# What tells the power of a side, and the speed that it is taken times.
-_INPUTS = {"engine_torque": "engine_speed", "engine_power": ""}
-_OUTPUTS = {
-    "load_torque": "engine_speed",
-    "output_torque": "output_speed",
-    "output_power": "",
-}
-# A shaft that is not named; and guesses that say no more than others, the worst first.
-_UNNAMED = {
-    "any_speed": "engine_speed",
-    "any_torque": "load_torque",
-    "any_power": "output_power",
-}
-_SPARE = (
-    "engine_power",
-    "engine_torque",
-    "output_power",
-    "load_torque",
-    "output_torque",
-)
+__all__ = [
+    "UNITS",
+    "Column",
+    "Imported",
+    "Proposal",
+    "Question",
+    "choose_columns",
+    "import_table",
+    "read_raw_bench",
+]
+
+_KEPT = tuple(RANGES)[: len(RANGES) - 4]
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
-_MOST_TOLD = 20  # rows
-# Of these a row of units may say anything (a dash, hh:mm:ss); others are in a unit that is known.
-_UNITS_VARY = ("stage", "stamp", "displacement_ratio", "efficiency", "efficiency_std")
-# From so many rows and with so short a step [s] on, rows are no steady tests but readings.
-_RECORDED, _STEP = 100, 1.0
-_AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
-
-
-class Column(NamedTuple):
-    """Where a quantity stands, its unit, and what told the unit where it was guessed, else `""`."""
-
-    name: str
-    unit: str
-    why: str = ""
+_MOST_SHOWN = 20  # rows in one message
+STATISTIC = re.compile(
+    r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|"
+    r"total|rms|standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|"
+    r"standardabweichung|moyenne|m\u00e9diane|\u00e9cart[ -]type|media|promedio)\.?:?",
+    re.IGNORECASE,
+)
+"""A cell that makes a row a summary of others."""
 
 
 class Imported(NamedTuple):
-    """Bench samples, the rows that were left out, each with the reason, and what was done."""
+    """Bench samples and how they came about.
+
+    Attributes:
+        samples: of the tests, or of the steady windows of a recording.
+        left_out: rows that were left out, each with the reason.
+        notes: what else was done.
+    """
 
     samples: BenchSamples
     left_out: tuple[str, ...] = ()
@@ -93,8 +85,8 @@ def read_raw_bench(
     skip_bad: bool = False,
 ) -> BenchSamples:
     """Read bench samples from a table; see `choose_columns` and `import_table`."""
-    chosen = choose_columns(path, columns, header_row=header_row, sheet=sheet)
-    return import_table(*chosen, skip_bad=skip_bad).samples
+    table, proposal = choose_columns(path, columns, header_row=header_row, sheet=sheet)
+    return import_table(table, proposal, skip_bad=skip_bad).samples
 
 
 def choose_columns(
@@ -103,410 +95,406 @@ def choose_columns(
     *,
     header_row: int | None = None,
     sheet: str | None = None,
+    decimal: str | None = None,
     guess: bool = False,
-) -> tuple[Table, dict[str, Column]]:
-    """Read a table with names and units of its own, and say where each quantity stands in it.
+) -> tuple[RawTable, Proposal]:
+    """Read a table with its own names and units, and say where each quantity stands in it.
 
     Args:
-        path: CSV or Excel file.
-        columns: where each quantity of `UNITS` stands, and `stage`, as `COLUMN` or `COLUMN:UNIT`,
-            such as `{"engine_speed": "n_engine:rpm"}`; or a number for all rows: `"1500:rpm"`.
-        header_row: row of the header, from 1; found when left out.
-        sheet: of an Excel file.
-        guess: what other columns hold, where those named do not make bench samples.
+        path: text or spreadsheet.
+        columns: where each quantity of `UNITS` stands, and `stage`, as `COLUMN` or
+            `COLUMN:UNIT`, such as `{"engine_speed": "n_engine:rpm"}`; or a number for all rows:
+            `"1500:rpm"`.
+        header_row: row of the header, from 1; searched when left out.
+        sheet: of a spreadsheet.
+        decimal: `point` or `comma`; the table decides when left out.
+        guess: whether to propose columns for what is not named.
 
     Raises:
         InputError: the file cannot be read, a column is missing or a unit is unknown.
     """
-    parted = [(text, *text.rpartition(":")) for text in columns.values()]
-    bare = [
-        (name if colon and unit_of(unit) else text).strip()
-        for text, name, colon, unit in parted
-    ]
-    same = [name for name in bare if np.isfinite(parsed(name, False)[0])]
-    table = read_table(path, bare, header_row, sheet)
-    if not table.columns.keys() >= {*bare}:  # a number for all rows tells no header
-        table = read_table(
-            path, [name for name in bare if name not in same], header_row, sheet
+    unknown = [name for name in columns if name not in (*UNITS, "stage")]
+    if unknown:
+        raise InputError(
+            f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}"
         )
-    table = replace(
-        table,
-        columns={**{name: [name] * len(table.rows) for name in same}, **table.columns},
-    )
-    chosen = {
-        quantity: _column(quantity, text, table) for quantity, text in columns.items()
+    bare = [_bare_name(text) for text in columns.values()]
+    constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
+    table = read_table(path, bare, header_row, sheet, decimal)
+    if not set(bare) <= table.columns.keys():
+        # A number for all rows does not show which row is the header.
+        names = [name for name in bare if name not in constants]
+        table = read_table(path, names, header_row, sheet, decimal)
+    missing = [name for name in constants if name not in table.columns]
+    table = table.with_constants(missing)
+    named = {
+        quantity: named_column(quantity, text, table)
+        for quantity, text in columns.items()
     }
-    return table, chosen | (
-        _guesses(table, chosen) if guess and _lacking(columns) else {}
-    )
+    if guess and _lacking(named, table, ()):
+        return table, propose(table, named)
+    return table, Proposal(named, {}, (), ())
+
+
+def _bare_name(text: str) -> str:
+    """Return the column of `COLUMN:UNIT`."""
+    name, colon, unit = text.rpartition(":")
+    if colon and (unit_of(unit) or unit in ("dmy", "mdy", "ymd")):
+        return name.strip()
+    return text.strip()
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
 def import_table(
-    table: Table,
-    columns: Mapping[str, Column],
+    table: RawTable,
+    proposal: Proposal,
     *,
     skip_bad: bool = False,
     averaged: bool = False,
+    unchecked: bool = False,
 ) -> Imported:
     """Make bench samples of a table.
 
     Efficiency and load torque are computed where no column holds them, from the powers or torques
-    and speeds of both shafts. A row of units below the header is left out. Columns that hold no
-    quantity are kept; one with the name of a bench column as `raw <name>`. A recording (100
-    rows or more whose stamps rise by a second or less) is cut into its steady windows.
+    and speeds of both shafts. Columns that hold no quantity are kept; one with the name of a bench
+    column as `raw <name>`. A recording is cut into its steady windows.
 
     Args:
-        table, columns: of `choose_columns`.
+        table, proposal: of `choose_columns`.
         skip_bad: leave rows out that hold no test, instead of refusing the table.
         averaged: each row is a steady test, however fast the stamps rise.
+        unchecked: take values that contradict each other or look like another unit.
 
     Raises:
         InputError: a column is named twice, a unit is not that of the cells, quantities are
-            missing or say the same twice, it is a recording whose stamps are not named, or rows
-            hold no test: all are named.
+            missing or given twice, values contradict each other, it is a recording whose stamps
+            are not named, or rows hold no test: all are named.
     """
-    columns = dict(columns)
-    if lacking := _lacking(columns):
+    columns = dict(proposal.columns)
+    lacking = _lacking(columns, table, proposal.notes)
+    if lacking:
         raise InputError(lacking)
-    names = [column.name for column in columns.values()]
-    for quantity, column in columns.items():
-        if names.count(column.name) > 1 and {*table.columns[column.name]} != {
-            column.name
-        }:
-            raise InputError(f"{quantity}: column {column.name!r} is named twice")
-    extra = {
-        name if column_name(name) not in _KEPT else f"raw {name}": cells
-        for name, cells in table.columns.items()
-        if name not in names
-    }
+    _refuse_shared_columns(columns, table)
+    extra = _extra_columns(columns, table)
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
     values = {
         quantity: _values(quantity, column, table)
         for quantity, column in columns.items()
     }
-    if "stamp" not in values and not averaged:
-        _refuse_recording(table)
-    elif not averaged and _is_recording(values["stamp"]):
-        return _cut(values, extra, table)
-    notes = []
-    for quantity in [name for name in _OPTIONAL if name in values]:
-        if np.isnan(values[quantity]).mean() > 0.5:  # it says less than it costs
-            notes.append(
-                f"column {columns.pop(quantity).name!r} is mostly empty and was left out"
-            )
-            del values[quantity]
-    into, out = _powers(values)
+    notes = list(proposal.notes)
+    if not averaged:
+        if "stamp" in values and is_recording(values["stamp"], values):
+            return _from_recording(values, columns, proposal, extra, table, unchecked)
+        if "stamp" not in values:
+            _refuse_recording(table, values)
+    notes += _drop_empty(values, columns, table)
+    spares = {
+        quantity: _values(quantity, column, table)
+        for quantity, column in proposal.spares.items()
+    }
+    stated = dict(values)
+    into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
     values.setdefault("efficiency", out / into)
     bad = _bad_rows(values, columns, table)
-    kept = [i for i, number in enumerate(table.rows) if number not in bad]
-    told = tuple(f"row {number}: {bad[number]}" for number in sorted(bad))
-    if told and not (skip_bad and kept):
-        more = f"; and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
-        count = (
-            f"{len(told)} rows cannot be used (--skip-bad leaves them out): "
-            if len(told) > 1
-            else ""
-        )
-        raise InputError(f"{table.source}: {count}{'; '.join(told[:_MOST_TOLD])}{more}")
-    samples: dict[str, Any] = {
-        name: values[name][kept] for name in _KEPT if name in values
-    }
+    kept = [index for index, row in enumerate(table.rows) if row not in bad]
+    left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
+    if left_out and not (skip_bad and kept):
+        raise InputError(f"{table.source}: {_rows_message(left_out)}")
+    taken = {name: column[kept] for name, column in values.items()}
+    if not unchecked:
+        first = {name: column[kept] for name, column in stated.items()}
+        second = {name: column[kept] for name, column in spares.items()}
+        _refuse_contradictions(first, second, taken, columns, table)
+    samples: dict[str, Any] = {name: taken[name] for name in _KEPT if name in taken}
     return Imported(
         BenchSamples(
             **samples,
             extra={
-                name: tuple(cells[i] for i in kept) for name, cells in extra.items()
+                name: tuple(cells[index] for index in kept)
+                for name, cells in extra.items()
             },
             source=table.source,
             sha256=table.sha256,
         ),
-        told,
+        left_out,
         tuple(notes),
     )
 
 
-def _lacking(columns: Mapping[str, Any]) -> str:
-    """Why these quantities make no bench samples."""
-    unknown = [name for name in columns if name not in (*UNITS, "stage")]
-    if unknown:
-        return f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}"
-    into, out = (
-        [name for name in names if name in columns] for names in (_INPUTS, _OUTPUTS)
-    )
+def _refuse_shared_columns(columns: Mapping[str, Column], table: RawTable) -> None:
+    names = [column.name for column in columns.values()]
+    for quantity, column in columns.items():
+        constant = set(table.columns[column.name]) == {column.name}
+        if names.count(column.name) > 1 and not constant:
+            raise InputError(f"{quantity}: column {column.name!r} is named twice")
+
+
+def _extra_columns(
+    columns: Mapping[str, Column], table: RawTable
+) -> dict[str, Sequence[str]]:
+    """Return the columns that hold no quantity, under names that read as none."""
+    used = {column.name for column in columns.values()}
+    extra = {}
+    for name, cells in table.columns.items():
+        if name in used:
+            continue
+        known = column_name(name) in _KEPT
+        extra[f"raw {name}" if known else name] = cells
+    return extra
+
+
+def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) -> str:
+    """Say why these quantities make no bench samples; `""` if they do.
+
+    Args:
+        columns: by quantity.
+        table: where they stand; its columns that name a missing quantity are explained.
+        notes: of the proposal: why columns were refused.
+    """
+    into = [name for name in INPUTS if name in columns]
+    out = [name for name in OUTPUTS if name in columns]
     efficiency = ["efficiency"] if "efficiency" in columns else []
     for same in (into, out, [*efficiency, *into] if out else []):
         if len(same) > 1:
             return f"{same[0]} and {same[1]} say the same twice: name one"
-    missing = _missing({*columns})
-    return f"no column is named for {', '.join(missing)}" if missing else ""
-
-
-def _missing(columns: Set[str]) -> list[str]:
-    into, out = columns & _INPUTS.keys(), columns & _OUTPUTS.keys()
-    missing = [
-        name for name in ("displacement_ratio", "engine_speed") if name not in columns
-    ]
-    if "output_torque" in out and "output_speed" not in columns:
-        missing.append("load_torque (or output_speed)")
-    elif not out and not (into and "efficiency" in columns):
-        missing.append(
-            "load_torque (or output_power, or output_torque and output_speed)"
-        )
-    if not into and "efficiency" not in columns:
-        missing.append("efficiency (or engine_torque or engine_power)")
-    return missing
-
-
-def _column(quantity: str, text: str, table: Table) -> Column:
-    """What `COLUMN` or `COLUMN:UNIT` names; a column may hold a colon itself."""
-    units = list(UNITS.get(quantity, [""]))
-    whole, (name, unit) = text.strip(), map(str.strip, text.rpartition(":")[::2])
-    if whole in table.columns:
-        return Column(whole, units[0])
-    if name in table.columns:
-        for known in units:
-            if unit.casefold() == known.casefold():
-                return Column(name, known)
-        raise InputError(
-            f"{quantity}: {unit!r} is no unit of it; there is {', '.join(units)}"
-        )
-    raise InputError(
-        f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} is "
-        f"missing; there is {', '.join(table.columns)}"
+    missing = missing_quantities({*columns})
+    if not missing:
+        return ""
+    needs = f"no column is named for {', '.join(missing)}"
+    if not notes:
+        return needs
+    shown = ", ".join(table.columns)
+    return (
+        f"{table.source}: header in row {table.header_row}: {shown}; missing is "
+        f"{', '.join(missing)}; {'; '.join(notes)}"
     )
 
 
-def _guesses(table: Table, known: Mapping[str, Column]) -> dict[str, Column]:
-    """Columns and units of quantities that are not known, by names, rows of units and ranges."""
-    ranked: dict[str, tuple[tuple[bool, int, bool], Column]] = {}
-    named = {column.name for column in known.values()}
-    for name in table.columns:
-        below = table.units.get(name, "")
-        quantity, unit = quantity_of(name, below) or ("", "")
-        if (
-            not quantity
-            or quantity in known
-            or name in named
-            or (below and not unit_of(below) and quantity not in _UNITS_VARY)
-        ):
-            continue
-        why = "cells" if not unit else "row of units" if unit_of(below) else "name"
-        unit = unit or next(filter(None, table.readings(name)[1]), "")
-        meant, numbers = _UNNAMED.get(quantity, quantity), table.stamps(name)
-        told, rank = unit in UNITS.get(meant, ()), (True, 0, True)
-        if not told and (unit not in ("", "-") or meant == "pressure"):
-            continue  # numbers do not tell bar from MPa
-        if meant == "stage":
-            why = why if unit else "name"
-        elif not np.isfinite(numbers).any():
-            continue
-        else:
-            if not told:
-                unit, why = likely_unit(meant, numbers), "range"
-            fits = _RANGES[meant].contains(
-                UNITS[meant][unit] * (numbers - _ZERO.get(unit, 0.0))
-            )
-            # One that fits goes first, then one of plain words, then one that tells its unit.
-            rank = bool(fits.mean() > 0.5), -strange_words(name), told
-        if quantity not in ranked or rank > ranked[quantity][0]:
-            ranked[quantity] = rank, Column(name, unit, why)
-    found = {quantity: column for quantity, (_, column) in ranked.items()}
-    for unnamed, other in _UNNAMED.items():
-        if (alone := found.pop(unnamed, None)) and other not in {*found, *known}:
-            found[other] = alone
-    for spare in _SPARE:
-        there = {*found, *known}
-        if spare in found and _missing(there - {spare}) == _missing(there):
-            del found[spare]
-    # An output that turns slowly may look like rad/s; a bench has one unit for both shafts.
-    if (
-        "engine_speed" in found
-        and "output_speed" in found
-        and (found["output_speed"].why == "range")
-    ):
-        found["output_speed"] = found["output_speed"]._replace(
-            unit=found["engine_speed"].unit
-        )
-    return found
-
-
-def _values(quantity: str, column: Column, table: Table) -> Array:
-    """A column in SI units, NaN where a cell holds no number.
+def _values(quantity: str, column: Column, table: RawTable) -> Array:
+    """Return a column in SI units, NaN where a cell holds no number.
 
     Raises:
-        InputError: its cells, or the row of units, say another unit than is taken.
+        InputError: its cells name another unit than is taken, or can be read in two ways.
     """
-    name, unit, _ = column
-    sizes = {key: (size, _ZERO.get(key)) for key, size in UNITS[quantity].items()}
-    below = unit_of(table.units.get(name, "")) or ("", "")
-    numbers, units = table.readings(name)
-    for row, said in zip(
-        ("of units", *table.rows), (below[1], *units.tolist()), strict=True
-    ):
-        if said == "-" and said not in sizes:
-            continue  # of a row of units: none is told
-        if said and sizes.get(said) != sizes[unit]:
-            cure = f"; write {name}:{said}" if said in sizes else ""
-            raise InputError(
-                f"{table.source}: row {row}: {quantity}: {said} in column "
-                f"{name!r} is not in {unit}{cure}"
-            )
     if quantity == "stamp":
-        return table.stamps(name, UNITS[quantity][unit])
-    return UNITS[quantity][unit] * (numbers - _ZERO.get(unit, 0.0))
-
-
-def _bad_rows(
-    values: Mapping[str, Array], columns: Mapping[str, Column], table: Table
-) -> dict[int, str]:
-    """What is wrong with rows, by number."""
-    bad = dict(table.broken)
-    first: dict[tuple[str, ...], int] = {}
-    for number, row in zip(
-        table.rows, zip(*table.columns.values(), strict=True), strict=True
-    ):
-        if statistic := next(filter(STATISTIC.fullmatch, row), ""):
-            bad[number] = f"{statistic!r} is no test"
-        elif first.setdefault(row, number) != number:
-            bad[number] = f"copies row {first[row]}"
-    for quantity, found in values.items():
-        limits, remark = _RANGES[quantity], _COMPUTED
-        if quantity in columns:
-            name, unit, _ = columns[quantity]
-            remark = (
-                f"; column {name!r} is taken as {unit}: another unit is written {name}:UNIT, "
-                f"one of {', '.join(UNITS[quantity])}"
+        return _stamp(column, table)
+    name = column.name
+    unit = column.unit
+    style = table.styles[name]
+    if style.doubtful:
+        question = Question(
+            f"column {name!r}: {style.doubtful!r} can be read in two ways",
+            ("--decimal point", "--decimal comma"),
+        )
+        raise InputError(f"{table.source}: {question}")
+    kind = kind_of(quantity)
+    taken = to_si(kind, unit)
+    numbers = read_numbers(table.columns[name], style.comma)
+    below = unit_of(table.units.get(name, ""))
+    stated = [("of units", below.name)] if below is not None else []
+    for other in numbers.units:
+        stated.append((_row_with_unit(table, name, other), other))
+    for row, other in stated:
+        if other == "-" and kind != "part":
+            continue  # a dash in a row of units stands for none
+        try:
+            same = to_si(kind, other) == taken
+            cure = f"; write {name}:{other}"
+        except KeyError:
+            same = False
+            cure = ""
+        if not same:
+            raise InputError(
+                f"{table.source}: row {row}: {quantity}: {other} in column {name!r} is "
+                f"not in {unit}{cure}"
             )
-            for i in np.flatnonzero(np.isnan(found)).tolist():
-                if (cell := table.columns[name][i]).lower() not in ("nan", "inf"):
-                    bad.setdefault(table.rows[i], no_number(name, cell))
-        fresh = [
-            i
-            for i in np.flatnonzero(~limits.contains(found))
-            if table.rows[i] not in bad
-        ]
-        told = {table.rows[i]: limits.complaint(found[i]) for i in fresh}
-        if told and 2 * len(told) > len(found) - len(
-            bad
-        ):  # the column or its unit is wrong
-            number = min(told)
-            raise InputError(f"{table.source}: row {number}: {told[number]}{remark}")
-        bad |= told
-    return bad
+    size, zero = taken
+    return np.asarray(size * (numbers.values - zero))
 
 
-def _powers(values: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Power of the engine and of the output [W], where the shafts tell them."""
-    into, out = (
-        [
-            values[name] * values.get(speed, 1.0)
-            for name, speed in side.items()
-            if name in values
-        ]
-        for side in (_INPUTS, _OUTPUTS)
-    )
-    return (into or [out[0] / values["efficiency"]])[0], (
-        out or [values["efficiency"] * into[0]]
-    )[0]
+def _row_with_unit(table: RawTable, name: str, unit: str) -> str:
+    """Return the row of the first cell of a column with a unit behind its number."""
+    comma = table.styles[name].comma
+    for row, cell in zip(table.rows, table.columns[name], strict=True):
+        if parsed(cell, comma)[1] == unit:
+            return str(row)
+    return "?"
 
 
-def _is_recording(stamp: Array) -> bool:
-    steps = np.diff(stamp[np.isfinite(stamp)])
-    # A log may be faster than the last digit of its clock: then most steps are 0.
-    return (
-        len(stamp) >= _RECORDED
-        and bool(np.any(steps > 0.0))
-        and bool(np.mean(steps >= 0.0) > 0.9)
-        and bool(np.median(steps) < 1.1 * _STEP)
-    )
+def _stamp(column: Column, table: RawTable) -> Array:
+    """Return a column of times [s].
+
+    Raises:
+        InputError: its cells are no times, or leave day and month open.
+    """
+    name = column.name
+    times = read_times(table.columns[name], column.unit, table.styles[name].comma)
+    if times.question and times.scale_known:
+        answers = tuple(option("stamp", name, choice) for choice in times.choices)
+        question = Question(f"column {name!r}: {times.question}", answers)
+        raise InputError(f"{table.source}: {question}")
+    unread = times.unreadable and np.isfinite(times.seconds).mean() < 0.5
+    if unread:
+        raise InputError(
+            f"{table.source}: stamp: cannot read {times.unreadable!r} in column {name!r} "
+            "as a time"
+        )
+    return times.seconds
 
 
-def _refuse_recording(table: Table) -> None:
+def _drop_empty(
+    values: dict[str, Array], columns: dict[str, Column], table: RawTable
+) -> list[str]:
+    """Remove optional quantities of which most cells are empty; return what was removed."""
+    notes = []
+    for quantity in _OPTIONAL:
+        if quantity not in values or np.isnan(values[quantity]).mean() <= 0.5:
+            continue
+        name = columns[quantity].name
+        cells = table.columns[name]
+        if sum(not_available(cell) for cell in cells) <= 0.5 * len(cells):
+            continue  # its text is refused row by row
+        notes.append(f"column {name!r} is mostly empty and was left out")
+        del columns[quantity]
+        del values[quantity]
+    return notes
+
+
+def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
     for name in table.columns:
-        quantity, unit = quantity_of(name, table.units.get(name, "")) or ("", "")
-        if quantity == "stamp" and _is_recording(
-            table.stamps(name, UNITS["stamp"].get(unit, 1.0))
-        ):
+        meaning = meaning_of(name, table.units.get(name, ""))
+        if meaning.kind != "time":
+            continue
+        unit = meaning.unit.name if meaning.unit and meaning.unit.kind == "time" else ""
+        times = read_times(table.columns[name], unit, table.styles[name].comma)
+        if is_recording(times.seconds, values):
             raise InputError(
                 f"{table.source}: column {name!r} looks like that of a recording: "
                 "name it by --stamp, or give --averaged"
             )
+    if looks_recorded(values):
+        raise InputError(
+            f"{table.source}: its {len(table.rows)} rows change as little from one to the "
+            "next as a recording does: name the column of its time by --stamp, or give "
+            "--averaged if each row is a steady test"
+        )
 
 
-def _spread(stamp: Array) -> Array:
-    """Stamps (n,) of a log; those of one tick of a clock that is too slow lie evenly within it."""
-    first = np.flatnonzero(np.diff(stamp, prepend=-np.inf))
-    counts = np.diff(np.append(first, len(stamp)))
-    if np.median(counts) == 1.0:
-        return stamp  # what stands twice is a copy
-    place = (np.arange(len(stamp)) - np.repeat(first, counts)) / np.repeat(
-        counts, counts
-    )
-    return stamp + np.median(np.diff(stamp[first])) * place
-
-
-def _cut(
-    values: Mapping[str, Array], extra: Mapping[str, Sequence[str]], table: Table
+def _from_recording(
+    values: dict[str, Array],
+    columns: Mapping[str, Column],
+    proposal: Proposal,
+    extra: Mapping[str, Sequence[str]],
+    table: RawTable,
+    unchecked: bool,
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
-    spare = [name for name in ("pressure", "efficiency_std") if name in values]
-    needed = [
-        values[name] for name in values if name not in (*spare, "oil_temperature")
-    ]
-    known = np.isfinite(needed).all(axis=0) & (values["engine_speed"] > 0.0)
-    values = {name: column[known] for name, column in values.items()}
-    values["stamp"] = time = _spread(values["stamp"])
-    block = max(1.0, 4.0 * float(np.median(np.diff(time)))) if len(time) > 1 else 1.0
-    limits = Steadiness(max(5.0, 3.0 * block), block)
-    oil = values.get("oil_temperature")
-    if oil is not None:
-        there = np.isfinite(oil)
-        oil = held(time, time[there], oil[there], _AGE) if there.any() else None
-    stages = np.array(extra.get("stage", [""] * len(known)))[known]
-    (into, out), speed = _powers(values), values["engine_speed"]
-    turned = values.get("output_speed", speed)
-    readings = Readings(
-        values["stamp"],
-        Shafts(
-            speed,
-            into / speed,
-            turned,
-            np.where(turned != 0.0, out / turned, 0.0),
-            values["displacement_ratio"],
-        ),
-        oil,
+    if not unchecked:
+        spares = {
+            quantity: _values(quantity, column, table)
+            for quantity, column in proposal.spares.items()
+        }
+        _refuse_contradictions(values, spares, values, columns, table)
+    windows = cut(values, extra, table.source)
+    if not unchecked:
+        _refuse_contradictions(windows.columns, {}, windows.columns, columns, table)
+    stages = {"stage": windows.stages} if "stage" in extra else {}
+    samples = BenchSamples(
+        **windows.columns, extra=stages, source=table.source, sha256=table.sha256
     )
-    gap = max(_STEP, limits.block)
-    shifts = np.cumsum(
-        np.append(False, stages[1:] != stages[:-1])
-    )  # of a stage: a gap too
-    tests = [
-        (str(stages[part[0]]), sample)
-        for part in split_at_gaps(values["stamp"] + 3.0 * gap * shifts, gap)
-        for _, sample in steady_tests([readings.select(part)], limits)
-    ]
-    found = [(name, sample) for name, sample in tests if complaint(sample) is None]
-    note = (
-        f"a recording of {len(known)} rows was cut into {len(found)} steady windows of "
-        f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
-        f"{len(tests) - len(found)} windows out of range and {np.sum(~known)} rows without a "
-        "number left out"
-    )
-    if not found:
-        raise InputError(f"{table.source}: {note}")
-    spare += [name for name in extra if name != "stage"]
-    notes = (note, *[f"not averaged, left out: {', '.join(spare)}"] * bool(spare))
-    columns: dict[str, Any] = {
-        name: np.array([sample[name] for _, sample in found])
-        for name in found[0][1]
-        if name != "output_speed" or name in values
-    }
-    told = {"stage": tuple(name for name, _ in found)} if "stage" in extra else {}
-    return Imported(
-        BenchSamples(**columns, extra=told, source=table.source, sha256=table.sha256),
-        (),
-        notes,
-    )
+    notes = [*proposal.notes, *windows.notes]
+    if table.broken:
+        first = min(table.broken)
+        notes.append(
+            f"{len(table.broken)} rows of another length left out, the first: row {first}: "
+            f"{table.broken[first]}"
+        )
+    return Imported(samples, (), tuple(notes))
+
+
+def _refuse_contradictions(
+    stated: Mapping[str, Array],
+    spares: Mapping[str, Array],
+    values: Mapping[str, Array],
+    columns: Mapping[str, Column],
+    table: RawTable,
+) -> None:
+    """Raise an `InputError` where values contradict each other or look like another unit."""
+    problems = [*contradictions(stated, spares), *implausible(values, columns)]
+    if problems:
+        raise InputError(
+            f"{table.source}: {'; '.join(problems)} (name column and unit, or --unchecked "
+            "takes it as it is)"
+        )
+
+
+def _rows_message(left_out: Sequence[str]) -> str:
+    more = ""
+    if len(left_out) > _MOST_SHOWN:
+        more = f"; and {len(left_out) - _MOST_SHOWN} more"
+    count = ""
+    if len(left_out) > 1:
+        count = f"{len(left_out)} rows cannot be used (--skip-bad leaves them out): "
+    return f"{count}{'; '.join(left_out[:_MOST_SHOWN])}{more}"
+
+
+def _bad_rows(
+    values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
+) -> dict[int, str]:
+    """Return what is wrong with rows, by number."""
+    bad = dict(table.broken) | _repeated_rows(table) | _summary_rows(table)
+    for quantity, column in values.items():
+        limits = RANGES[quantity]
+        remark = _COMPUTED
+        if quantity in columns:
+            name, unit, _ = columns[quantity]
+            remark = (
+                f"; column {name!r} is taken as {unit}: another unit is written "
+                f"{name}:UNIT, one of {', '.join(UNITS[quantity])}"
+            )
+            for index in np.flatnonzero(np.isnan(column)).tolist():
+                cell = table.columns[name][index]
+                if cell.lower() not in ("nan", "inf"):
+                    bad.setdefault(table.rows[index], no_number(name, cell))
+        elif quantity == "efficiency":
+            suspect = suspect_efficiency(column)
+            if suspect:
+                remark = f"{_COMPUTED}; are {suspect} mixed up?"
+        outside = {
+            table.rows[index]: limits.complaint(column[index])
+            for index in np.flatnonzero(~limits.contains(column)).tolist()
+            if table.rows[index] not in bad
+        }
+        if outside and 2 * len(outside) > len(column) - len(bad):
+            row = min(outside)  # the column or its unit is wrong
+            raise InputError(f"{table.source}: row {row}: {outside[row]}{remark}")
+        bad |= outside
+    return bad
+
+
+def _repeated_rows(table: RawTable) -> dict[int, str]:
+    """Return rows that copy another one in every cell."""
+    first: dict[tuple[str, ...], int] = {}
+    repeated = {}
+    rows = zip(*table.columns.values(), strict=True)
+    for number, row in zip(table.rows, rows, strict=True):
+        earlier = first.setdefault(row, number)
+        if earlier != number:
+            repeated[number] = f"copies row {earlier}"
+    return repeated
+
+
+def _summary_rows(table: RawTable) -> dict[int, str]:
+    """Return rows of means, maxima and the like."""
+    summaries: dict[int, str] = {}
+    for cells in table.columns.values():
+        words = {cell for cell in set(cells) if cell and not is_number(cell)}
+        statistics = {word for word in words if STATISTIC.fullmatch(word)}
+        if not statistics:
+            continue
+        for number, cell in zip(table.rows, cells, strict=True):
+            if cell in statistics:
+                summaries.setdefault(number, f"{cell!r} is no test")
+    return summaries

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Array, Range
-from .guess import UNITS
 from .table import Table, read_plain
+from .tables.rules import unit_bench_meaning
+from .tables.units import holds_units, to_si, unit_of
 
 KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
@@ -30,43 +31,47 @@ flow and speed, or torque and pressure, and those two by which the displacement 
 _GAUGE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
 
 _TURN = 2.0 * np.pi
-_CM3 = dict.fromkeys(
-    ("cm3", "cc", "cm3/r", "cc/r", "cm3/rev", "cc/rev", "ml/r"), 1e-6 / _TURN
-)
-_PART = UNITS["efficiency"]
-_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "displacement_ratio": _PART,
-        "stroke": _PART,
-        "displacement": {"m3/rad": 1.0, "m3/r": 1.0 / _TURN, **_CM3},
-        "speed": UNITS["engine_speed"],
-        "pressure": UNITS["pressure"],
-        "flow_loss": {"m3/s": 1.0, "l/min": 1.0 / 6e4},
-        "torque_loss": UNITS["engine_torque"],
-        "volumetric_efficiency": _PART,
-        "volumetric": _PART,
-        "mechanical_efficiency": _PART,
-        "mechanical": _PART,
-        "oil_temperature": dict.fromkeys(
-            ("deg C", "degC", "C", "\N{DEGREE SIGN}C"), 1.0
-        ),
-    }
-)
-_MEANT = {
+_SHORT = {
     "stroke": "displacement_ratio",
     "volumetric": "volumetric_efficiency",
     "mechanical": "mechanical_efficiency",
+    "overall": "overall_efficiency",
+    "total_efficiency": "overall_efficiency",
 }
-_WRITTEN = {
-    f"{name}_{unit}".lower().replace(" ", "_").rstrip("_"): (
-        _MEANT.get(name, name),
-        size,
-    )
-    for name, units in _UNITS.items()
-    for unit, size in {"": 1.0, **units}.items()
-}
+_QUANTITIES: Mapping[str, str] = MappingProxyType(
+    {
+        "displacement_ratio": "part",
+        "displacement": "displacement",
+        "speed": "speed",
+        "pressure": "pressure",
+        "flow": "flow",
+        "flow_loss": "flow",
+        "torque": "torque",
+        "torque_loss": "torque",
+        "volumetric_efficiency": "part",
+        "mechanical_efficiency": "part",
+        "overall_efficiency": "part",
+        "oil_temperature": "temperature",
+    }
+)
+"""Quantities of a unit's table and what their units measure."""
 _LOSSES = ("flow_loss", "torque_loss")
 _EFFICIENCIES = ("volumetric_efficiency", "mechanical_efficiency")
+_MEASURED = ("flow", "torque")
+_WITH_OVERALL = ("volumetric_efficiency", "overall_efficiency")
+_FLOW_WITH_OVERALL = ("flow", "overall_efficiency")
+_PAIRS = (
+    _LOSSES,
+    _EFFICIENCIES,
+    _MEASURED,
+    _WITH_OVERALL,
+    _FLOW_WITH_OVERALL,
+    ("flow", "mechanical_efficiency"),
+    ("volumetric_efficiency", "torque"),
+    ("flow_loss", "torque"),
+    ("flow", "torque_loss"),
+)
+"""Pairs of columns that give both losses, the first whole one is taken."""
 _RANGES = {
     limits.name: limits
     for limits in (
@@ -82,7 +87,7 @@ _RANGES = {
         # Another displacement than the one stated takes them a little above one.
         *(
             Range(name, 1e-4, 1.1, "-", "a fraction, not percent")
-            for name in _EFFICIENCIES
+            for name in (*_EFFICIENCIES, "overall_efficiency")
         ),
         Range("noise", 1e-6, 0.2, "-", "a part of flow and torque"),
         OIL_TEMPERATURE,
@@ -201,53 +206,128 @@ def read_unit(
     """
     if noise is not None:
         noise = float(_RANGES["noise"].check(noise))
-    factors: dict[str, float] = {}  # from the unit of a column to SI
-
-    def name_of(cell: str) -> str:
-        plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
-        name, factors[name] = _WRITTEN.get(
-            plain, (plain if plain in ("kind", "unit") else cell.strip(), 1.0)
-        )
-        return name
-
-    cells = _of_unit(read_plain(path, name_of=name_of), unit)
-    given = {cell.strip().lower() for cell in cells.columns.get("kind", [])} | {
-        kind
-    } - {None}
-    if len(given) != 1 or not given <= {*KINDS}:
-        told = " and ".join(sorted(map(str, given))) or "missing"
+    cells, units = _read(path)
+    cells = _of_unit(cells, unit)
+    given = {cell.strip().lower() for cell in cells.columns.get("kind", [])}
+    if kind is not None:
+        given.add(kind)
+    if len(given) != 1 or not given <= set(KINDS):
+        stated = " and ".join(sorted(given)) or "missing"
         raise InputError(
-            f"{cells.source}: kind is {told}; needs one of {', '.join(KINDS)}, "
+            f"{cells.source}: kind is {stated}; needs one of {', '.join(KINDS)}, "
             "in a column or by --kind"
         )
-    read = _numbers(cells, factors)
+    values = _numbers(cells, units)
     nothing = np.zeros(len(cells.rows))
-    columns = {
-        "displacement_ratio": nothing + 1.0,
-        **dict.fromkeys(_LOSSES, nothing),
-        **read,
-    }
-    displacement = float(columns.pop("displacement")[0])
-    parts = [columns.pop(name) for name in _EFFICIENCIES if name in columns]
     samples = UnitSamples(
-        str(*given),
-        displacement,
-        **columns,
+        given.pop(),
+        float(values["displacement"][0]),
+        values.get("displacement_ratio", nothing + 1.0),
+        values["speed"],
+        values["pressure"],
+        nothing,
+        nothing,
+        values.get("oil_temperature"),
         noise=noise,
         source=cells.source,
         sha256=cells.sha256,
     )
-    if not parts:
-        return samples
-    _require_in_place(samples, *parts)
-    # Against the ideal one: what a pump gives, or a motor takes, and the torque the other way.
+    if set(_EFFICIENCIES) <= values.keys():
+        _require_in_place(samples, *(values[name] for name in _EFFICIENCIES))
+    flow_loss = _flow_loss(samples, values)
+    torque_loss = _torque_loss(samples, values, flow_loss)
+    return replace(samples, flow_loss=flow_loss, torque_loss=torque_loss)
+
+
+def _read(path: str | os.PathLike[str]) -> tuple[Table, dict[str, str]]:
+    """Return the table under names of `_QUANTITIES`, and the unit of each column or `""`."""
+    units: dict[str, str] = {}
+
+    def name_of(cell: str) -> str:
+        name, unit = column_of_unit_table(cell)
+        units[name] = unit
+        return name
+
+    cells = read_plain(path, name_of=name_of)
+    columns = cells.columns
+    if not cells.rows or not holds_units([column[0] for column in columns.values()]):
+        return cells, units
+    for name, column in columns.items():
+        below = unit_of(column[0])
+        kind = _QUANTITIES.get(name)
+        if kind is None or not column[0]:
+            continue
+        if below is None or (below.kind != kind and below.name != "-"):
+            raise InputError(
+                f"{cells.source}: row {cells.rows[0]}: {column[0]!r} is no unit of {name}"
+            )
+        if units[name] and below.name not in ("-", units[name]):
+            raise InputError(
+                f"{cells.source}: row {cells.rows[0]}: {name} is in {units[name]} by the "
+                f"header and in {below.name} by the row of units"
+            )
+        units[name] = units[name] or below.name
+    rest = {name: column[1:] for name, column in columns.items()}
+    return replace(cells, rows=cells.rows[1:], columns=rest), units
+
+
+def column_of_unit_table(cell: str) -> tuple[str, str]:
+    """Return the quantity that a header cell names, else the cell, and its unit or `""`.
+
+    Args:
+        cell: such as `pressure_bar`, `flow [L/min]` or `Drehzahl (1/min)`.
+    """
+    plain = re.sub(r"[\s()\[\]:]+", "_", cell.strip()).strip("_").lower()
+    if plain in ("kind", "unit"):
+        return plain, ""
+    names = sorted((*_QUANTITIES, *_SHORT), key=len, reverse=True)
+    for name in names:
+        if plain == name:
+            return _SHORT.get(name, name), ""
+        if not plain.startswith(f"{name}_"):
+            continue
+        quantity = _SHORT.get(name, name)
+        unit = unit_of(plain[len(name) + 1 :].replace("_", " "))
+        if unit is not None and unit.kind == _QUANTITIES[quantity]:
+            return quantity, unit.name
+    name, known = unit_bench_meaning(cell)
+    if name in _QUANTITIES and (
+        known is None or known.kind in ("part", _QUANTITIES[name])
+    ):
+        return name, known.name if known is not None else ""
+    return cell.strip(), ""
+
+
+def _flow_loss(samples: UnitSamples, values: Mapping[str, Array]) -> Array:
+    """Return the flow that is lost [m3/s], against the ideal one."""
+    if "flow_loss" in values:
+        return values["flow_loss"]
     sign = sign_of(samples.kind)
-    flow, torque = (
-        sign
-        * samples.ideal
-        * np.stack([1.0 - parts[0] ** sign, parts[1] ** -sign - 1.0])
-    )
-    return replace(samples, flow_loss=flow, torque_loss=torque)
+    ideal = samples.ideal[0]
+    if "flow" in values:
+        return np.asarray(sign * (ideal - values["flow"]))
+    return np.asarray(sign * ideal * (1.0 - values["volumetric_efficiency"] ** sign))
+
+
+def _torque_loss(
+    samples: UnitSamples, values: Mapping[str, Array], flow_loss: Array
+) -> Array:
+    """Return the torque that is lost [N m], against the ideal one."""
+    if "torque_loss" in values:
+        return values["torque_loss"]
+    sign = sign_of(samples.kind)
+    ideal = samples.ideal[1]
+    if "torque" in values:
+        return np.asarray(sign * (values["torque"] - ideal))
+    if "mechanical_efficiency" in values:
+        mechanical = values["mechanical_efficiency"]
+    else:
+        # ISO 4409: the overall efficiency is the product of the two others.
+        flow = samples.ideal[0] - sign * flow_loss
+        volumetric = (flow / samples.ideal[0]) ** sign
+        mechanical = values["overall_efficiency"] / volumetric
+        mechanical = np.where(samples.pressure < TELLING, 1.0, mechanical)
+    return np.asarray(sign * ideal * (mechanical**-sign - 1.0))
 
 
 def _of_unit(cells: Table, unit: str | None) -> Table:
@@ -265,29 +345,29 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
     )
 
 
-def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
-    there = cells.columns.keys()
-    pair = next(
-        (pair for pair in (_LOSSES, _EFFICIENCIES) if there >= {*pair}),
-        _LOSSES if {*_LOSSES} & there else _EFFICIENCIES,
-    )
-    needed = ("displacement", "speed", "pressure", *pair)
-    missing = [name for name in needed if name not in cells.columns]
+def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
+    """Return the quantities that the losses are made of, in SI units."""
+    present = cells.columns.keys()
+    needed = ["displacement", "speed", "pressure", *_best_pair(set(present))]
+    missing = [name for name in needed if name not in present]
     if missing:
         raise InputError(
             f"{cells.source}: column {', '.join(missing)} is missing; there is "
-            f"{', '.join(cells.columns)} (a unit may stand behind the name: pressure_bar)"
+            f"{', '.join(present)} (a unit may stand behind the name: pressure_bar)"
         )
-    names = [
-        *needed,
-        *({"displacement_ratio", "oil_temperature"} & cells.columns.keys()),
-    ]
+    optional = [n for n in ("displacement_ratio", "oil_temperature") if n in present]
     values: dict[str, Array] = {}
-    for name in names:
-        values[name] = factors[name] * cells.numbers(name)
-        if name == _EFFICIENCIES[1]:  # whatever stands there without pressure
-            values[name] = np.where(values["pressure"] < TELLING, 1.0, values[name])
-        cells.require_range(values[name], _RANGES.get(name) or _sized(name, values))
+    for name in (*needed, *optional):
+        size, zero = 1.0, 0.0
+        if units[name]:
+            size, zero = to_si(_QUANTITIES[name], units[name])
+        values[name] = size * (cells.numbers(name) - zero)
+        if name in ("mechanical_efficiency", "overall_efficiency"):
+            # Without pressure it is 0 or whatever the maker prints.
+            idle = values["pressure"] < TELLING
+            values[name] = np.where(idle, 1.0, values[name])
+        limits = _RANGES.get(name) or _sized(name, values)
+        cells.require_range(values[name], limits)
     if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
         raise InputError(
             f"{cells.source}: displacement differs between rows: one unit at a time"
@@ -298,6 +378,18 @@ def _numbers(cells: Table, factors: Mapping[str, float]) -> dict[str, Array]:
             f"{_LEAST_PRESSURE:g}: is it in bar or MPa? (pressure_bar)"
         )
     return values
+
+
+def _best_pair(present: set[str]) -> tuple[str, str]:
+    """Return the first whole pair of columns, else the one that should be completed."""
+    for pair in _PAIRS:
+        if set(pair) <= present:
+            return pair
+    if set(_LOSSES) & present:
+        return _LOSSES
+    if set(_MEASURED) & present:
+        return _MEASURED
+    return _EFFICIENCIES
 
 
 def _sized(name: str, read: Mapping[str, Array]) -> Range:
@@ -312,10 +404,14 @@ def _sized(name: str, read: Mapping[str, Array]) -> Range:
             "a unit of this displacement runs slower: is it in r/min? (speed_rpm)",
         )
     driver, unit, other = {
+        "flow": ("speed", "m3/s", "L/min"),
         "flow_loss": ("speed", "m3/s", "L/min"),
+        "torque": ("pressure", "N m", "lb ft"),
         "torque_loss": ("pressure", "N m", "lb ft"),
     }[name]
     most = displacement * float(read[driver].max())
+    if name in _MEASURED:  # with the losses on top
+        most = 1.3 * most + (10.0 if name == "torque" else 0.0)
     return Range(
         name,
         -most,

@@ -370,7 +370,7 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
     out = tmp_path / "bench.csv"
     shown = hmcvt("import", path, "--out", out, *correction)
     assert (shown.code, shown.err) == (0, "") and not out.exists(), shown
-    assert "--yes takes the guess" in shown.out
+    assert "--yes takes the proposal" in shown.out
     skip = ("--skip-bad",) if "--skip-bad" in shown.out else ()
     done = hmcvt("import", path, "--out", out, "--yes", *correction, *skip)
     assert done.code == 0, done
@@ -419,7 +419,11 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
         ),
         (
             BENCH,
-            ("--displacement-ratio", "1"),
+            (
+                *("--displacement-ratio", "1", "--engine-speed", "N_VM [1/min]"),
+                *("--load-torque", "M_HMmess [Nm]"),
+                *("--efficiency", "ETA_SYS_Pst_GLM [%]"),
+            ),
             [
                 [1, 498.57 * RPM, 5.442408, 0.72582],
                 [1, 1000.28 * RPM, 5.40594, 0.79918],
@@ -427,7 +431,10 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
         ),
         (
             WORKED_OUT,
-            ("--displacement-ratio", "100:%"),
+            (
+                *("--displacement-ratio", "100:%", "--engine-speed", "N_HM [1/min]"),
+                *("--load-torque", "M_HMmess [Nm]", "--efficiency", "Eff_Sys_WT [%]"),
+            ),
             [
                 [1, 499.9916 * RPM, 202.25303, 0.71293928],
                 [1, 500.0153 * RPM, 322.26819, 0.64011],
@@ -436,9 +443,7 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
     ],
     ids=["paper", "bench", "worked_out"],
 )
-def test_a_table_from_outside_takes_one_correction(
-    hmcvt, tmp_path, text, correction, expected
-):
+def test_a_table_from_outside(hmcvt, tmp_path, text, correction, expected):
     (tmp_path / "t.csv").write_text(text, encoding="utf-8")
     out = tmp_path / "bench.csv"
     done = hmcvt(
@@ -536,14 +541,15 @@ def test_a_slow_output_is_in_the_unit_of_the_engine_and_a_mode_is_no_stage(
 def test_what_no_unit_tells_is_not_guessed(hmcvt, tmp_path, header, cells, told):
     path, out = tmp_path / "t.csv", tmp_path / "bench.csv"
     path.write_text(
-        f"eps,n_s,M_k,eta_h,{header}\n0.5,1400,200,80,{cells[0]}\n"
+        f"eps,n,M,eta,{header}\n0.5,1400,200,80,{cells[0]}\n"
         f"-0.5,1500,180,80,{cells[1]}\n"
     )
     shown = hmcvt(
         "import", path, "--out", out, "--averaged", "--header-row", 1, "--skip-bad"
     ).out
-    assert shown.count("range") == 4 and "eta_h:%" in shown
-    assert (f"{header}:{told}" in shown) if told else (header not in shown)
+    assert shown.count("range") == 4 and "eta:%" in shown
+    said = re.search(r"the same said: (.*)", shown)[1]
+    assert (f"{header}:{told}" in said) if told else (header not in said)
     assert "--header-row 1 --averaged --skip-bad\n" in shown
     if told == "h":
         assert hmcvt("import", path, "--out", out, "--yes").code == 0
@@ -555,7 +561,7 @@ def test_turns_and_radians_are_not_mixed_up(hmcvt, tmp_path, unit):
     path = tmp_path / "t.csv"
     path.write_text(f"eps,n [{unit}],M,eta\n0.5,23,200,0.8\n")
     done = hmcvt("import", path, "--out", tmp_path / "bench.csv", "--yes")
-    assert done.code == 2 and "no column is named for engine_speed" in done.err
+    assert done.code == 2 and "may count radians or turns" in done.err
 
 
 def test_what_is_no_table_is_told(hmcvt, tmp_path):

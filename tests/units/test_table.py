@@ -145,9 +145,9 @@ LOSSES = "displacement_cc,pressure_bar,speed_rpm,flow_loss,torque_loss"
         (LOSSES, (1, 1, 60, 1), "flow_loss = .*is it in L/min"),
         (LOSSES, (1, 1, 0.01, 1), "flow_loss = .*more than all that the unit moves"),
         (
-            HEAD.replace("speed_rpm", "n"),
+            HEAD.replace("speed_rpm", "n_x"),
             (1, 1, 1, 1),
-            "column speed is missing; there is .*, n",
+            "column speed is missing; there is .*, n_x",
         ),
     ],
     ids=["percent", "bar", "r/min", "slow r/min", "cm3", "L/min", "ml/s", "no speed"],
@@ -208,3 +208,60 @@ def test_kind_and_noise_are_checked(tmp_path, said, given, told):
     )
     with pytest.raises(InputError, match=told):
         read_unit(path, **given)
+
+
+def reading(tmp_path, head, columns, kind="pump"):
+    rows = [",".join(f"{value:.9g}" for value in row) for row in zip(*columns)]
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return read_unit(path, kind=kind)
+
+
+SIZE = np.full(len(SPEED), CM3)
+
+
+@pytest.mark.parametrize("kind", ["pump", "motor"])
+@pytest.mark.parametrize(
+    "head",
+    [
+        "displacement_cm3,speed_rpm,pressure_bar,flow_L/min,torque_Nm",
+        "displacement [cm3/rev],n [1/min],dp [bar],Q [L/min],M [Nm]",
+        "Displacement (cc/rev),Drehzahl (1/min),Druck (bar),Volumenstrom (L/min),Drehmoment (Nm)",
+    ],
+)
+def test_flow_and_torque_as_measured(tmp_path, kind, head):
+    sign = 1.0 if kind == "pump" else -1.0
+    w, p = SPEED * TURN / 60.0, PRESSURE * 1e5
+    size = CM3 * 1e-6 / TURN
+    lost = np.array([LEAKAGE * p, DAMPING * w + 0.01 * size * p])
+    flow = (size * w - sign * lost[0]) * 6e4
+    torque = size * p + sign * lost[1]
+    found = reading(tmp_path, head, (SIZE, SPEED, PRESSURE, flow, torque), kind)
+    np.testing.assert_allclose(found.losses, lost, rtol=1e-6, atol=1e-9)
+
+
+def test_overall_with_volumetric_efficiency_cubic_inches_and_psi(tmp_path):
+    volumetric, mechanical = efficiencies(SPEED, PRESSURE)
+    first = read_unit(
+        table(tmp_path / "a.csv", SPEED, PRESSURE, (volumetric, mechanical)),
+        kind="pump",
+    )
+    psi = PRESSURE * 1e5 / 6894.757293168
+    cubic = SIZE / 16.387064
+    for name in ("overall_efficiency", "Gesamtwirkungsgrad", "total efficiency [-]"):
+        head = f"displacement_in3,speed_rpm,pressure_psi,volumetric_efficiency,{name}"
+        columns = (cubic, SPEED, psi, volumetric, volumetric * mechanical)
+        found = reading(tmp_path, head, columns)
+        np.testing.assert_allclose(found.losses, first.losses, rtol=5e-3, atol=3e-7)
+    gallons = volumetric * SIZE * SPEED * 1e-6 / 60.0 / 6.30901964e-5
+    head = "displacement_in3,speed_rpm,pressure_psi,flow_gpm,mechanical_efficiency"
+    found = reading(tmp_path, head, (cubic, SPEED, psi, gallons, mechanical))
+    np.testing.assert_allclose(found.losses, first.losses, rtol=5e-3, atol=3e-7)
+
+
+def test_a_row_of_units_below_the_names(tmp_path):
+    volumetric, mechanical = efficiencies(SPEED, PRESSURE)
+    first = reading(tmp_path, HEAD, (SIZE, PRESSURE, SPEED, volumetric, mechanical))
+    head = "displacement,pressure,speed,volumetric,mechanical\ncm3,bar,rpm,-,-"
+    found = reading(tmp_path, head, (SIZE, PRESSURE, SPEED, volumetric, mechanical))
+    np.testing.assert_array_equal(found.losses, first.losses)

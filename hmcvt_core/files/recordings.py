@@ -1,0 +1,289 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A table that is a recording: recognised by its time, joined, and cut into steady windows.
+
+The windows are found by `steady`, as for a bag. Signals that were written one a row are joined by
+linear interpolation in time, never across a gap.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..transmission.ranges import Array
+from .steady import (
+    Readings,
+    Shafts,
+    Steadiness,
+    complaint,
+    held,
+    split_at_gaps,
+    steady_tests,
+)
+from .tables.proposal import RANGES
+
+_RECORDED = 100
+"""Rows from which a table with a step of at most `_STEP` is a recording."""
+_STEP = 1.1  # s; a bench test takes longer to settle
+_SLOW_RECORDED = 40
+"""Rows from which a table that hardly changes from row to row is a recording."""
+_SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
+_REGULAR = 0.2  # part by which the steps of a clock differ from their median
+_SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
+_AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
+_SPARSE = 0.5
+"""Share of complete rows below which signals are joined by time."""
+_MOST_STEPS = 3.0
+"""Steps of a signal across which it is interpolated; more is a gap."""
+
+
+class Cut(NamedTuple):
+    """Averages of the steady windows of a recording.
+
+    Attributes:
+        columns: bench columns, shape (n,) each.
+        stages: of every window.
+        notes: what was cut and left out.
+    """
+
+    columns: dict[str, Any]
+    stages: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
+    """Return whether rows are momentary readings instead of steady tests.
+
+    Args:
+        stamp: time [s], NaN where none is known, shape (n,).
+        values: other quantities, shape (n,) each.
+    """
+    steps = np.diff(stamp[np.isfinite(stamp)])
+    if len(steps) < _SLOW_RECORDED - 1 or not np.any(steps > 0.0):
+        return False
+    if np.mean(steps >= 0.0) <= 0.9:
+        return False
+    # A log may be faster than the last digit of its clock: then most steps are 0.
+    step = float(np.median(steps))
+    if step < _STEP and len(stamp) >= _RECORDED:
+        return True
+    regular = np.abs(steps - step) <= _REGULAR * step
+    if step > _SLOW_STEP or regular.mean() < 0.8:
+        return False
+    return step < _STEP or is_smooth(values)
+
+
+def is_smooth(values: Mapping[str, Array]) -> bool:
+    """Return whether all quantities hardly change from row to row."""
+    changes = []
+    for name, column in values.items():
+        known = column[np.isfinite(column)]
+        if name == "stamp" or len(known) < _SLOW_RECORDED:
+            continue
+        spread = float(np.std(known))
+        if spread > 1e-3 * float(np.abs(known).max()):
+            changes.append(float(np.median(np.abs(np.diff(known)))) / spread)
+    return bool(changes) and max(changes) < _SMOOTH
+
+
+def looks_recorded(values: Mapping[str, Array]) -> bool:
+    """Return whether rows without a time are so many and so alike that they are a recording."""
+    rows = min(len(column) for column in values.values())
+    return rows >= _RECORDED and is_smooth(values)
+
+
+def cut(
+    values: Mapping[str, Array], extra: Mapping[str, Sequence[str]], source: str
+) -> Cut:
+    """Average the steady windows of a recording.
+
+    Args:
+        values: SI values with `stamp`, shape (n,) each, NaN where a cell holds none.
+        extra: other columns; `stage` is the stage engaged.
+        source: name of the file, for messages.
+
+    Raises:
+        InputError: no window is steady and in range.
+    """
+    rows = len(values["stamp"])
+    signals = {
+        name: column
+        for name, column in values.items()
+        if name not in ("stamp", "pressure", "efficiency_std")
+    }
+    spare = [name for name in ("pressure", "efficiency_std") if name in values]
+    signals, out_of_range = _in_range(signals)
+    needed = [name for name in signals if name != "oil_temperature"]
+    time = values["stamp"]
+    joined = _joined(time, signals, needed)
+    complete = np.isfinite(time)
+    for name in needed:
+        complete &= np.isfinite(joined[name])
+    usable = complete & (joined["engine_speed"] > 0.0)
+    if not usable.any():
+        raise InputError(f"{source}: {_no_row(time, signals, needed)}")
+    stages = np.array(extra.get("stage", [""] * rows))[usable]
+    readings = _readings(time[usable], {n: c[usable] for n, c in joined.items()})
+    step = _median_step(readings.time)
+    block = max(1.0, 4.0 * step)
+    limits = Steadiness(max(5.0, 3.0 * block), block)
+    gap = max(1.0, limits.block)
+    # A shift of the stage ends a window as a gap does.
+    shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))
+    tests = []
+    for part in split_at_gaps(readings.time + 3.0 * gap * shifts, gap):
+        for _, sample in steady_tests([readings.select(part)], limits):
+            tests.append((str(stages[part[0]]), sample))
+    kept = [(stage, sample) for stage, sample in tests if complaint(sample) is None]
+    note = (
+        f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
+        f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
+        f"{len(tests) - len(kept)} windows out of range and {np.sum(~usable)} rows "
+        "without a number left out"
+    )
+    if not kept:
+        raise InputError(f"{source}: {note}{_no_window(readings, limits)}")
+    notes = [note, *out_of_range]
+    if joined is not signals:
+        notes.append("signals of rows of their own were joined by time")
+    spare += [name for name in extra if name != "stage"]
+    if spare:
+        notes.append(f"not averaged, left out: {', '.join(spare)}")
+    columns = {
+        name: np.array([sample[name] for _, sample in kept])
+        for name in kept[0][1]
+        if name != "output_speed" or name in values
+    }
+    return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+
+
+def _in_range(
+    signals: Mapping[str, Array],
+) -> tuple[dict[str, Array], list[str]]:
+    """Drop readings that no bench shows, so that no code for "no value" enters a mean."""
+    cleaned = {}
+    notes = []
+    for name, column in signals.items():
+        limits = RANGES[name]
+        # An engine that coasts turns torques and powers round; a shaft may stand.
+        least = -limits.high if name not in ("engine_speed", "oil_temperature") else 0.0
+        if name == "oil_temperature":
+            least = limits.low
+        # A sensor of stroke may read a little above full stroke.
+        most = 1.05 * limits.high
+        outside = (column > most) | (column < 1.05 * least)
+        if outside.any():
+            notes.append(
+                f"{int(outside.sum())} readings of {name} out of range left out"
+            )
+        cleaned[name] = np.where(outside, np.nan, column)
+    return cleaned, notes
+
+
+def _joined(
+    time: Array, signals: dict[str, Array], needed: Sequence[str]
+) -> dict[str, Array]:
+    """Return signals at the time of every row, where most rows hold only some of them."""
+    filled = np.stack([np.isfinite(signals[name]) for name in needed])
+    sparse = np.isfinite(time) & filled.any(axis=0)
+    if filled.all(axis=0).sum() >= _SPARSE * max(int(sparse.sum()), 1):
+        return signals
+    joined = dict(signals)
+    for name in needed:
+        joined[name] = _interpolated(time, signals[name])
+    return joined
+
+
+def _interpolated(time: Array, column: Array) -> Array:
+    """Interpolate a signal between its readings, but not across a gap."""
+    known = np.isfinite(column) & np.isfinite(time)
+    if known.sum() < 2:
+        return column
+    order = np.argsort(time[known], kind="stable")
+    times = time[known][order]
+    readings = column[known][order]
+    longest = _MOST_STEPS * max(_median_step(times), 1e-9)
+    after = np.clip(np.searchsorted(times, time), 1, len(times) - 1)
+    close = times[after] - times[after - 1] <= longest
+    inside = (time >= times[0]) & (time <= times[-1])
+    return np.where(close & inside, np.interp(time, times, readings), np.nan)
+
+
+def _median_step(time: Array) -> float:
+    steps = np.diff(time)
+    rising = steps[steps > 0.0]
+    return float(np.median(rising)) if len(rising) else 1.0
+
+
+def _readings(time: Array, values: Mapping[str, Array]) -> Readings:
+    """Return readings of both shafts in order of time."""
+    spread = _spread(time)
+    speed = values["engine_speed"]
+    into, out = powers(values)
+    output_speed = values.get("output_speed", speed)
+    turning = np.where(output_speed != 0.0, output_speed, 1.0)
+    output_torque = np.where(output_speed != 0.0, out / turning, 0.0)
+    oil = values.get("oil_temperature")
+    if oil is not None:
+        known = np.isfinite(oil)
+        oil = held(spread, spread[known], oil[known], _AGE) if known.any() else None
+    shafts = Shafts(
+        speed, into / speed, output_speed, output_torque, values["displacement_ratio"]
+    )
+    return Readings(spread, shafts, oil)
+
+
+def _spread(stamp: Array) -> Array:
+    """Spread rows within one tick of a clock that is slower than the log."""
+    first = np.flatnonzero(np.diff(stamp, prepend=-np.inf))
+    counts = np.diff(np.append(first, len(stamp)))
+    if np.median(counts) == 1.0:
+        return stamp  # what stands twice is a copy
+    position = np.arange(len(stamp)) - np.repeat(first, counts)
+    part = position / np.repeat(counts, counts)
+    return np.asarray(stamp + np.median(np.diff(stamp[first])) * part)
+
+
+def _no_row(time: Array, signals: Mapping[str, Array], needed: Sequence[str]) -> str:
+    """Say why no row of a recording can be used."""
+    counts = {name: int(np.isfinite(signals[name]).sum()) for name in needed}
+    if not np.isfinite(time).any():
+        return "no row holds a time"
+    densest = max(counts, key=lambda name: counts[name])
+    sparsest = min(counts, key=lambda name: counts[name])
+    return (
+        f"no row holds all of {', '.join(needed)}, and they cannot be joined by time: "
+        f"{densest} has {counts[densest]} readings, {sparsest} {counts[sparsest]}"
+    )
+
+
+def _no_window(readings: Readings, limits: Steadiness) -> str:
+    if readings.span >= limits.min_duration:
+        return "; nothing stays steady for so long"
+    return f"; it lasts {readings.span:.3g} s"
+
+
+def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
+    """Return the power of the engine and of the output [W].
+
+    Args:
+        values: SI values by quantity, enough for bench samples.
+    """
+    into = None
+    if "engine_torque" in values:
+        into = values["engine_torque"] * values["engine_speed"]
+    elif "engine_power" in values:
+        into = values["engine_power"]
+    if "load_torque" in values:
+        out = values["load_torque"] * values["engine_speed"]
+    elif "output_torque" in values:
+        out = values["output_torque"] * values["output_speed"]
+    elif "output_power" in values:
+        out = values["output_power"]
+    else:
+        out = values["efficiency"] * into
+    if into is None:
+        into = out / values["efficiency"]
+    return into, out

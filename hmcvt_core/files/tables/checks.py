@@ -1,0 +1,165 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Checks of converted values against each other and against what a bench can show.
+
+A value in the wrong unit is off by a known factor. Where two routes lead to one quantity, their
+ratio shows it; elsewhere only sizes that no tractor transmission has are refused.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...transmission.ranges import Array
+from .proposal import Column
+
+_SUSPECTS = (
+    (9.5493, "r/min and rad/s"),
+    (1000.0, "a factor of 1000, as of kN m and N m or kW and W"),
+    (1.35582, "lb ft and N m"),
+    (1.34102, "kW and hp"),
+    (1.35962, "kW and PS"),
+    (100.0, "percent and a fraction"),
+    (10.0, "bar and MPa, or a decimal point"),
+    (9.80665, "kp m and N m"),
+)
+"""Factors between units that are mixed up, and their names."""
+_SUSPECT_WIDTH = 0.03
+"""Part by which a ratio may miss a factor and still name it; chosen on development tables."""
+_AGREEMENT = 0.05
+"""Part by which two routes to one quantity may differ in the median: meters of a bench differ by
+1 % each, and lb ft for N m by 36 %."""
+_LEAST_TORQUE = 3.0
+"""Load torque in N m that some test of a bench exceeds; a tenth of an idling tractor."""
+_LEAST_PRESSURE = 1e6
+"""Pressure in Pa that some test of a hydrostatic unit exceeds; its charge pressure is higher."""
+_LEAST_STROKE = 0.0151
+"""Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
+
+
+def suspicion(ratio: float) -> str:
+    """Return which units differ by a ratio, `""` where none do."""
+    size = max(ratio, 1.0 / ratio)
+    for factor, name in _SUSPECTS:
+        if abs(size / factor - 1.0) < _SUSPECT_WIDTH:
+            return name
+    return ""
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
+def contradictions(
+    values: Mapping[str, Array], spares: Mapping[str, Array]
+) -> list[str]:
+    """Return where two routes to one quantity differ.
+
+    Args:
+        values: SI values by quantity, those that the samples are made of; shape (n,) each.
+        spares: the same of columns that say the same again.
+    """
+    both = {**values, **spares}
+    routes = {
+        "load_torque": _load_torques(both),
+        "engine_power": _engine_powers(both),
+    }
+    problems = []
+    for quantity, ways in routes.items():
+        names = list(ways)
+        for other in names[1:]:
+            ratio = _median_ratio(ways[other], ways[names[0]])
+            if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
+                problems.append(_disagreement(quantity, other, names[0], ratio))
+    loads = routes["load_torque"]
+    powers = routes["engine_power"]
+    if "efficiency" in both and loads and powers and not problems:
+        (load_name, load), *_ = loads.items()
+        (power_name, power), *_ = powers.items()
+        shafts = load * both["engine_speed"] / power
+        ratio = _median_ratio(shafts, both["efficiency"])
+        if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
+            way = f"{load_name} / {power_name}"
+            problems.append(_disagreement("efficiency", way, "its column", ratio))
+    return problems
+
+
+def _load_torques(values: Mapping[str, Array]) -> dict[str, Array]:
+    speed = values["engine_speed"]
+    ways = {}
+    if "load_torque" in values:
+        ways["load_torque"] = values["load_torque"]
+    if "output_torque" in values and "output_speed" in values:
+        power = values["output_torque"] * values["output_speed"]
+        ways["output_torque x output_speed"] = power / speed
+    if "output_power" in values:
+        ways["output_power"] = values["output_power"] / speed
+    return ways
+
+
+def _engine_powers(values: Mapping[str, Array]) -> dict[str, Array]:
+    ways = {}
+    if "engine_torque" in values:
+        ways["engine_torque x engine_speed"] = (
+            values["engine_torque"] * values["engine_speed"]
+        )
+    if "engine_power" in values:
+        ways["engine_power"] = values["engine_power"]
+    return ways
+
+
+def _median_ratio(one: Array, other: Array) -> float | None:
+    ratio = one / other
+    usable = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    if 2 * len(usable) < len(ratio):
+        return None
+    return float(np.median(usable))
+
+
+def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:
+    suspect = suspicion(ratio)
+    hint = f": are {suspect} mixed up?" if suspect else ": one column or unit is wrong"
+    return f"{quantity} by {way} is {ratio:.4g} times that by {other}{hint}"
+
+
+def implausible(
+    values: Mapping[str, Array], columns: Mapping[str, Column]
+) -> list[str]:
+    """Return which columns hold values so small that their unit must be another.
+
+    Args:
+        values: SI values by quantity, shape (n,) each.
+        columns: where they stand.
+    """
+    limits = (
+        ("displacement_ratio", _LEAST_STROKE, "is it a fraction, not percent?"),
+        ("load_torque", _LEAST_TORQUE, "is it in kN m, or 1.050 a thousand?"),
+        ("pressure", _LEAST_PRESSURE, "is it in bar or MPa?"),
+    )
+    problems = []
+    for quantity, least, hint in limits:
+        if quantity not in values or len(values[quantity]) < 3:
+            continue
+        largest = float(np.nanmax(np.abs(values[quantity]), initial=0.0))
+        if 0.0 < largest < least:
+            where = ""
+            if quantity in columns:
+                where = (
+                    f" (column {columns[quantity].name!r} as {columns[quantity].unit})"
+                )
+            problems.append(f"{quantity} is at most {largest:.4g}{where}: {hint}")
+    return problems
+
+
+def suspect_efficiency(efficiency: Array) -> str:
+    """Return which mixed-up units would explain efficiencies outside 0 to 1, or `""`.
+
+    Args:
+        efficiency: computed from the shafts, shape (n,).
+    """
+    usable = efficiency[np.isfinite(efficiency) & (efficiency > 0.0)]
+    if not len(usable):
+        return ""
+    middle = float(np.median(usable))
+    named = []
+    for factor, name in _SUSPECTS:
+        for ratio in (factor, 1.0 / factor):
+            if 0.5 < middle / ratio < 0.95:
+                named.append(name)
+    return named[0] if len(named) >= 1 else ""

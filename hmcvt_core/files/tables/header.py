@@ -1,0 +1,306 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which row is the header, and the table below it as columns of text.
+
+A row of numbers is never a header and never the second row of one. A row of units below the header
+adds units to the names. A row that ends before the header does is complete where only columns
+that hold no quantity are missing, or where every row ends there.
+"""
+
+import os
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import accumulate, count
+from pathlib import Path
+
+from ...errors import InputError
+from .numbers import Style, decimal_styles, is_number
+from .reading import (
+    SEPARATORS,
+    Sheet,
+    consistent_rows,
+    is_spreadsheet,
+    read_spreadsheet,
+    read_text,
+    split_rows,
+)
+from .rules import names_quantity
+from .units import holds_units, usual_unit
+
+_TOP = 60
+"""Filled rows among which the header is looked for; exports have up to 40 lines of keys."""
+_SNIFFED = 150
+"""Lines by which the separator is judged."""
+_LONG_ROWS = 0.5
+"""Share of rows of another length from which the table as a whole is refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawTable:
+    """A table as text.
+
+    Attributes:
+        columns: one cell for each row, by column name; no name is doubled.
+        units: what a row of units says, by column; empty without one.
+        rows: line or row of each in the file, from 1.
+        broken: what is wrong with rows of another length, by row.
+        styles: decimal style by column.
+        source, sheet, sha256: of the file.
+        header_row: row of the header in the file, from 1.
+        doubled: names that stand in the header more than once.
+    """
+
+    columns: dict[str, Sequence[str]]
+    units: dict[str, str]
+    rows: list[int]
+    broken: dict[int, str]
+    styles: Mapping[str, Style]
+    source: str
+    sheet: str
+    sha256: str
+    header_row: int
+    doubled: tuple[str, ...] = field(default=())
+
+    def with_constants(self, names: Sequence[str]) -> "RawTable":
+        """Return the table with columns that hold their own name in every row."""
+        constants: dict[str, Sequence[str]] = {
+            name: [name] * len(self.rows) for name in names
+        }
+        return replace(
+            self,
+            columns={**constants, **self.columns},
+            styles={**dict.fromkeys(names, Style(False)), **self.styles},
+        )
+
+
+def read_table(
+    path: str | os.PathLike[str],
+    names: Collection[str] = (),
+    header_row: int | None = None,
+    sheet: str | None = None,
+    decimal: str | None = None,
+) -> RawTable:
+    """Read a table as text.
+
+    Args:
+        path: text (separated by commas, semicolons, tabs, bars or blanks) or a spreadsheet.
+        names: columns that the user named; they show which row is the header.
+        header_row: row of the header, from 1; searched when left out.
+        sheet: of a spreadsheet; the one that names most quantities when left out.
+        decimal: `point` or `comma`; the table decides when left out.
+
+    Raises:
+        InputError: the file cannot be read or holds no table, or the sheet is missing.
+    """
+    source = str(Path(path))
+    if is_spreadsheet(Path(path)):
+        sheets, sha256 = read_spreadsheet(Path(path), sheet)
+        separator = "sheet"
+    elif sheet is not None:
+        raise InputError(f"{source}: has no sheets; --sheet is for Excel")
+    else:
+        text, sha256 = read_text(path, utf_16=True)
+        separator = _separator(text, names, header_row, source)
+        sheets = [Sheet("", split_rows(text, separator, source))]
+    best = None
+    for candidate in sheets:
+        top, header = _header(candidate.rows, names, header_row)
+        worth = (_matches(header, names), _worth(header))
+        if best is None or worth > best[0]:
+            best = (worth, candidate, top, header)
+    if best is None or not any(best[3]):
+        raise InputError(f"{source}: is empty")
+    _, chosen, top, header = best
+    columns, units, rows, broken = _body(chosen.rows, top, header, source)
+    styles = decimal_styles(columns, decimal, separator == ",")
+    doubled = [
+        name for name in dict.fromkeys(header) if name and header.count(name) > 1
+    ]
+    return RawTable(
+        columns,
+        units,
+        rows,
+        broken,
+        styles,
+        source,
+        chosen.name,
+        sha256,
+        top,
+        tuple(doubled),
+    )
+
+
+def _separator(
+    text: str, names: Collection[str], header_row: int | None, source: str
+) -> str:
+    """Return the separator by which most rows fit the header, and the header names most."""
+    lines = text.splitlines()[: 3 * _SNIFFED]
+    head = "\n".join(lines[:_SNIFFED])
+    best = ""
+    best_rank: tuple[bool, bool, int, int] | None = None
+    for separator in SEPARATORS:
+        if separator and separator not in head:
+            continue
+        try:
+            rows = split_rows(head, separator, source)
+        except InputError:
+            if separator and head.count(separator) > len(lines):
+                raise
+            continue
+        _, header = _header(rows, names, header_row)
+        filled = [row for row in rows if any(row)]
+        fitting = sum(len(row) == len(header) for row in filled) > len(filled) / 2
+        rank = (
+            _matches(header, names),
+            fitting and len(header) > 1,
+            _worth(header) if separator else min(_worth(header), 1),
+            consistent_rows(rows) if separator else 0,
+        )
+        if best_rank is None or rank > best_rank:
+            best = separator
+            best_rank = rank
+    return best
+
+
+def _header(
+    rows: Sequence[list[str]], names: Collection[str], header_row: int | None
+) -> tuple[int, list[str]]:
+    """Return the row of the header, from 1, and its cells; two rows of names are joined."""
+    if header_row is not None:
+        return header_row, rows[header_row - 1] if header_row <= len(rows) else []
+    filled = [number for number, row in enumerate(rows[: 10 * _TOP]) if any(row)][:_TOP]
+    best = (0, [""])
+    best_rank = (False, 0, True)
+    first = next((n for n in filled if not rows[n][0].startswith("#")), None)
+    for number in filled:
+        row = rows[number]
+        if _numeric(row) or _mostly_units(row):
+            continue
+        options = [row]
+        above = rows[number - 1] if number else []
+        groups = sum(map(bool, above)) >= 2  # one cell alone is a title
+        if len(above) == len(row) and groups and not _numeric(above):
+            options.append(_joined(above, row))
+        comment = row[0].startswith("#")
+        for header in options:
+            rank = (_matches(header, names), _worth(header), not comment)
+            if rank > best_rank:
+                best = (number + 1, header)
+                best_rank = rank
+    if best[0] == 0 and first is not None:
+        return first + 1, rows[first]
+    return best
+
+
+def _joined(above: Sequence[str], below: Sequence[str]) -> list[str]:
+    """Join two rows of names; a name above may stand for several below."""
+    groups = accumulate(above, lambda last, cell: cell or last)
+    return [" ".join(pair).strip() for pair in zip(groups, below, strict=True)]
+
+
+def _numeric(row: Sequence[str]) -> bool:
+    """Return whether at least half of the filled cells of a row are numbers."""
+    filled = [cell for cell in row if cell]
+    numbers = sum(is_number(cell) for cell in filled)
+    return 2 * numbers >= len(filled) > 0
+
+
+def _mostly_units(row: Sequence[str]) -> bool:
+    """Return whether at least half of the filled cells of a row are units."""
+    filled = [cell for cell in row if cell]
+    units = sum(usual_unit(cell) is not None for cell in filled)
+    return 2 * units >= len(filled) > 0
+
+
+def _matches(header: Sequence[str], names: Collection[str]) -> bool:
+    return bool(names) and set(names) <= set(distinct(header))
+
+
+def _worth(header: Sequence[str]) -> int:
+    """Return how many quantities a row names."""
+    named = {names_quantity(cell) for cell in header if cell and not is_number(cell)}
+    return len(named - {""})
+
+
+def distinct(header: Sequence[str]) -> list[str]:
+    """Name the columns of a header so that no name is empty and all differ."""
+    given = [cell.strip() or "unnamed" for cell in header]
+    names: list[str] = []
+    for first in given:
+        name = first
+        for number in count(2):
+            if name not in names and (name == first or name not in given):
+                break
+            name = f"{first} ({number})"
+        names.append(name)
+    return names
+
+
+def _body(
+    all_rows: Sequence[list[str]], top: int, header: Sequence[str], source: str
+) -> tuple[dict[str, Sequence[str]], dict[str, str], list[int], dict[int, str]]:
+    """Return columns, row of units, row numbers and broken rows below the header."""
+    header = list(header)
+    while len(header) > 1 and not header[-1]:
+        header.pop()
+    width = len(header)
+    names = distinct(header)
+    body = [
+        (number, row) for number, row in enumerate(all_rows[top:], top + 1) if any(row)
+    ]
+    shortest = _complete_from(header, [row for _, row in body])
+    rows: list[int] = []
+    cells: list[list[str]] = []
+    broken: dict[int, str] = {}
+    for number, row in body:
+        while len(row) > width and not row[-1]:
+            row = row[:-1]  # separators at the end of a line
+        if len(row) == width:
+            cells.append(row)
+            rows.append(number)
+        elif shortest <= len(row) < width:
+            cells.append([*row, *[""] * (width - len(row))])
+            rows.append(number)
+        else:
+            broken[number] = (
+                f"{len(row)} fields, the header in row {top} has {width} (decimal comma, "
+                "other separator, a comment, or lines above the header?)"
+            )
+    if len(broken) > _LONG_ROWS * (len(body) or 1) and len(broken) > 1:
+        _refuse_lengths(header, top, broken, len(body), source)
+    units: dict[str, str] = {}
+    if cells and holds_units(cells[0]):
+        units = dict(zip(names, cells[0], strict=True))
+        cells = cells[1:]
+        rows = rows[1:]
+    if not cells and not broken:
+        raise InputError(f"{source}: holds a header but no samples")
+    columns: dict[str, Sequence[str]] = dict.fromkeys(names, ())
+    if cells:
+        columns = dict(zip(names, zip(*cells, strict=True), strict=True))
+    return columns, units, rows, broken
+
+
+def _complete_from(header: Sequence[str], body: Sequence[Sequence[str]]) -> int:
+    """Return the fields that a complete row has at least.
+
+    A lost field in the middle of a row shifts the rest, so that a row without the last quantity is
+    not taken, unless no row has it.
+    """
+    longest = max((len(row) for row in body[1:]), default=len(header))
+    least = min(len(header), longest)
+    if least < max(2, len(header) // 2):
+        return len(header)
+    while least > 1 and not names_quantity(header[least - 1]):
+        least -= 1
+    return least
+
+
+def _refuse_lengths(
+    header: Sequence[str], top: int, broken: Mapping[int, str], total: int, source: str
+) -> None:
+    first = min(broken)
+    shown = ", ".join(cell for cell in header if cell)
+    raise InputError(
+        f"{source}: row {top} was taken for the header ({shown}), but {len(broken)} of "
+        f"{total} rows below have another number of fields: row {first}: {broken[first]}"
+    )

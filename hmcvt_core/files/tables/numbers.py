@@ -1,0 +1,210 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Numbers in cells: decimal style, thousands, units behind them and codes for "no value".
+
+`1.050` is 1.05 or 1050, and no cell alone says which. The whole table decides: a cell such as
+`0,643` or `78.54` can be read in one way only, and shows the style of the table. Where cells
+remain that can be read both ways, the reader asks.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...transmission.ranges import Array
+from .units import unit_of
+
+SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0, 65535.0, 65534.0)
+SENTINELS += (32767.0, -32768.0, 8191.875, 1e30, -1e30)
+"""Numbers that loggers write for "no value"."""
+_NOT_AVAILABLE = re.compile(
+    r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*|-+|\.+|\?+|",
+    re.IGNORECASE,
+)
+_NUMBER = re.compile(
+    r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)(?:\s*([^\d\s.,].*))?"
+)
+_BLANKS = re.compile(r"(?<=\d)[ '\u2019\u00a0\u202f](?=\d{3}(?!\d))")
+_TAIL = r"(?:[eEdD][+-]?\d+)?(?:[ \t]*[^-+\d\s.,][^\n]*)?$"
+# Cells that have one reading only; searched in the joined cells of a column.
+_COMMA = re.compile(
+    r"^[+-]?(?:0*,\d+|\d{4,},\d+|\d+,(?:\d{1,2}|\d{4,})|\d{1,3}(?:\.\d{3})+,\d*"
+    r"|[1-9]\d{0,2}(?:\.\d{3}){2,})" + _TAIL,
+    re.MULTILINE,
+)
+_POINT = re.compile(
+    r"^[+-]?(?:0*\.\d+|\d{4,}\.\d*|\d+\.(?:\d{1,2}|\d{4,}|)|\d{1,3}(?:,\d{3})+\.\d*"
+    r"|[1-9]\d{0,2}(?:,\d{3}){2,})" + _TAIL,
+    re.MULTILINE,
+)
+_EITHER = re.compile(r"^[+-]?[1-9]\d{0,2}[.,]\d{3}" + _TAIL, re.MULTILINE)
+_GROUPED_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
+_GROUPED_COMMAS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+
+
+class Style(NamedTuple):
+    """Decimal style of a column.
+
+    Attributes:
+        comma: whether the decimal sign is a comma.
+        doubtful: a cell that can be read in two ways while nothing decides; `""` for none.
+    """
+
+    comma: bool
+    doubtful: str = ""
+
+
+class Numbers(NamedTuple):
+    """A column as numbers.
+
+    Attributes:
+        values: NaN where a cell holds none, shape (n,).
+        units: text of the units behind the numbers, without `""`.
+    """
+
+    values: Array
+    units: tuple[str, ...]
+
+
+def decimal_styles(
+    columns: Mapping[str, Sequence[str]], decimal: str | None, comma_separated: bool
+) -> dict[str, Style]:
+    """Return the decimal style of every column.
+
+    Args:
+        columns: cells by column name.
+        decimal: `point` or `comma`, where the user says so.
+        comma_separated: whether commas separate the columns of the file.
+    """
+    if decimal is not None:
+        return dict.fromkeys(columns, Style(decimal == "comma"))
+    joined = {name: _BLANKS.sub("", "\n".join(c)) for name, c in columns.items()}
+    commas = {name for name, text in joined.items() if _COMMA.search(text)}
+    points = {name for name, text in joined.items() if _POINT.search(text)}
+    styles = {}
+    for name, text in joined.items():
+        if name in commas and name in points:
+            doubtful = _EITHER.search(text) or _COMMA.search(text)
+            styles[name] = Style(False, doubtful[0] if doubtful else "")
+        elif name in commas or name in points:
+            styles[name] = Style(name in commas)
+        elif bool(commas) != bool(points):
+            styles[name] = Style(bool(commas))
+        else:
+            doubtful = _EITHER.search(text)
+            plain = comma_separated and not any("," in t for t in joined.values())
+            undecided = doubtful is not None and not plain
+            styles[name] = Style(False, doubtful[0] if doubtful and undecided else "")
+    return styles
+
+
+def read_numbers(cells: Sequence[str], comma: bool) -> Numbers:
+    """Read a column of cells; codes for "no value" become NaN.
+
+    Args:
+        cells: text.
+        comma: whether the decimal sign is a comma.
+    """
+    values = _plain_numbers(cells, comma)
+    units: set[str] = set()
+    if values is None:
+        parsed_cells = [parsed(cell, comma) for cell in cells]
+        values = np.array([value for value, _ in parsed_cells])
+        units = {unit for _, unit in parsed_cells if unit}
+    return Numbers(
+        np.where(np.isin(values, SENTINELS), np.nan, values), tuple(sorted(units))
+    )
+
+
+def _plain_numbers(cells: Sequence[str], comma: bool) -> Array | None:
+    """Read cells that Python reads as they are; None where one is of another form."""
+    joined = "\n".join(cells)
+    if "," in joined or "_" in joined or (comma and "." in joined):
+        return None
+    try:
+        return np.array([float(cell) if cell else math.nan for cell in cells])
+    except ValueError:
+        return None
+
+
+def parsed(cell: str, comma: bool) -> tuple[float, str]:
+    """Return the number of a cell, NaN where it holds none, and the unit behind it or `""`.
+
+    Args:
+        cell: as text.
+        comma: whether a comma is a decimal one; else it may set thousands apart.
+    """
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell))
+    if hit is None:
+        value = math.nan
+        with suppress(ValueError):
+            if "_" not in cell:
+                value = float(cell)
+        return value, ""
+    number = hit[1]
+    unit = ""
+    if hit[2]:
+        known = unit_of(hit[2])
+        if known is None:
+            return math.nan, ""
+        unit = known.name
+    text = _with_point(number, comma).replace("d", "e").replace("D", "e")
+    with suppress(ValueError):
+        return float(text), unit
+    return math.nan, unit
+
+
+def _with_point(number: str, comma: bool) -> str:
+    """Write a number with a decimal point and nothing between thousands."""
+    if comma:
+        if "," in number:
+            whole, _, part = number.partition(",")
+            if "." in whole and not _GROUPED_POINTS.fullmatch(whole):
+                return "?"
+            return f"{whole.replace('.', '')}.{part}"
+        if _GROUPED_POINTS.fullmatch(number):
+            return number.replace(".", "")
+        return number
+    whole, point, part = number.partition(".")
+    if "," in part:
+        return "?"
+    if "," in whole:
+        if not _GROUPED_COMMAS.fullmatch(whole):
+            return "?"
+        whole = whole.replace(",", "")
+    return f"{whole}{point}{part}"
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell holds a number, in either decimal style, and nothing else."""
+    hit = _NUMBER.fullmatch(_BLANKS.sub("", cell.strip()))
+    return hit is not None and not hit[2]
+
+
+def not_available(cell: str) -> bool:
+    """Return whether a cell says that no value is available, or is empty."""
+    if _NOT_AVAILABLE.fullmatch(cell.strip()):
+        return True
+    value = parsed(cell, False)[0]
+    return bool(np.isin(value, SENTINELS))
+
+
+def no_number(name: str, cell: str) -> str:
+    """Say what is wrong with a cell of a column that holds no number."""
+    if not cell:
+        return f"{name} is empty"
+    if np.isin(parsed(cell, False)[0], SENTINELS):
+        return f"{name} {cell!r} is a code for no value"
+    cure = ""
+    if re.search(r"\d[.,]\d", cell):
+        cure = ": write a decimal point, and nothing between thousands"
+    return f"{name} {cell!r} is not a number{cure}"
+
+
+def finite_share(values: NDArray[np.float64]) -> float:
+    """Return the share of finite values; 0 for no values."""
+    return float(np.isfinite(values).mean()) if len(values) else 0.0

@@ -1,0 +1,551 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which column holds which quantity: a proposal with reasons, and questions where it is open.
+
+Each column becomes at most one candidate. The best candidate of a quantity is proposed; a
+second one of equal rank, a side that is not said, a unit that is not known or a number that can be
+read in two ways is a question, with the option that answers it.
+"""
+
+import shlex
+from collections.abc import Mapping, Set
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...transmission.ranges import BENCH_COLUMNS, Array, Range
+from .header import RawTable
+from .numbers import finite_share, read_numbers
+from .rules import SHAFT_KINDS, Meaning, meaning_of
+from .stamps import DATE_ORDERS, Times, read_times
+from .units import UNITS, kind_of, to_si, unit_of
+
+RANGES: Mapping[str, Range] = {
+    **{column.name: column for column in BENCH_COLUMNS},
+    **{
+        name: Range(name, 0.1, 20_000.0, "N m", "positive in forward driving")
+        for name in ("engine_torque", "output_torque")
+    },
+    **{
+        name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
+        for name in ("engine_power", "output_power")
+    },
+}
+"""Plausible range of every quantity, in SI units."""
+INPUTS = ("engine_torque", "engine_power")
+OUTPUTS = ("load_torque", "output_torque", "output_power")
+# A quantity that the others already give is compared with them instead, the first one first.
+_SPARE = (
+    "engine_power",
+    "engine_torque",
+    "output_power",
+    "load_torque",
+    "output_torque",
+)
+# Largest size of values that a unit makes likely where nothing names it; the sizes in between of
+# power and torque are asked.
+_RAD_PER_S_UP_TO = 320.0
+_KW_UP_TO = 200.0
+_W_FROM = 2000.0
+_NM_FROM = 60.0
+_DECIMALS = ("--decimal point", "--decimal comma")
+_LONG_TABLE = 30
+"""Rows from which a time without a unit is asked, since the table may be a recording."""
+
+
+class Column(NamedTuple):
+    """Where a quantity stands.
+
+    Attributes:
+        name: of the column.
+        unit: in which its numbers are; `""` for times and stages whose text says all.
+        why: reason where it was proposed, `""` where the user named it.
+    """
+
+    name: str
+    unit: str
+    why: str = ""
+
+
+class Question(NamedTuple):
+    """What the table leaves open, and the options that answer it, the first an example."""
+
+    text: str
+    options: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if not self.options:
+            return self.text
+        return f"{self.text}: add {' or '.join(self.options)}"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Columns by quantity, and what is open.
+
+    Attributes:
+        columns: named by the user or proposed.
+        spares: proposed for quantities that others already give, to be compared with them.
+        questions: to be answered before the proposal may be taken.
+        notes: columns that were left aside, with the reason.
+    """
+
+    columns: dict[str, Column]
+    spares: dict[str, Column]
+    questions: tuple[Question, ...]
+    notes: tuple[str, ...]
+
+
+class _Candidate(NamedTuple):
+    """A column that may hold a quantity; `rank` sorts candidates, the best highest."""
+
+    name: str
+    quantity: str
+    unit: str
+    why: str
+    rank: tuple[bool, bool, int, bool]
+    doubt: str = ""
+    values: Array | None = None
+
+
+def option(quantity: str, column: str, unit: str = "") -> str:
+    """Return the option that names a column of a quantity."""
+    text = f"{column}:{unit}" if unit else column
+    return f"--{quantity.replace('_', '-')} {shlex.quote(text)}"
+
+
+def missing_quantities(columns: Set[str]) -> list[str]:
+    """Return what bench samples still need beside these quantities."""
+    into = columns & set(INPUTS)
+    out = columns & set(OUTPUTS)
+    missing = [
+        name for name in ("displacement_ratio", "engine_speed") if name not in columns
+    ]
+    if "output_torque" in out and "output_speed" not in columns:
+        missing.append("load_torque (or output_speed)")
+    elif not out and not (into and "efficiency" in columns):
+        missing.append(
+            "load_torque (or output_power, or output_torque and output_speed)"
+        )
+    if not into and "efficiency" not in columns:
+        missing.append("efficiency (or engine_torque or engine_power)")
+    return missing
+
+
+def named_column(quantity: str, text: str, table: RawTable) -> Column:
+    """Return what `COLUMN` or `COLUMN:UNIT` names; a column may hold a colon itself.
+
+    Without a unit, that of the header or of the row of units holds, else the first of `UNITS`.
+
+    Raises:
+        InputError: the column is missing, or the unit is not one of the quantity.
+    """
+    whole = text.strip()
+    name, _, unit = (part.strip() for part in text.rpartition(":"))
+    if whole in table.columns:
+        return Column(whole, _unit_of_header(quantity, whole, table))
+    if name not in table.columns:
+        raise InputError(
+            f"{table.source}: {quantity}: column {(name if ':' in whole else whole)!r} "
+            f"is missing; there is {', '.join(table.columns)}"
+        )
+    if quantity == "stamp" and unit in DATE_ORDERS:
+        return Column(name, unit)
+    for known in UNITS.get(quantity, {"": 1.0}):
+        if unit.casefold() == known.casefold():
+            return Column(name, known)
+    try:
+        to_si(kind_of(quantity), unit)
+    except KeyError:
+        raise InputError(
+            f"{quantity}: {unit!r} is no unit of it; there is "
+            f"{', '.join(UNITS.get(quantity, ()))}"
+        ) from None
+    return Column(name, unit)
+
+
+def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
+    """Return the unit of a column that was named without one."""
+    if quantity == "stage":
+        return ""
+    first = next(iter(UNITS[quantity]))
+    meaning = meaning_of(name, table.units.get(name, ""))
+    unit = meaning.unit
+    if quantity == "stamp":
+        return unit.name if unit is not None and unit.kind == "time" else ""
+    if meaning.problem.startswith("the header says"):
+        raise InputError(
+            f"{table.source}: {quantity}: column {name!r}: {meaning.problem}; write "
+            f"{name}:UNIT"
+        )
+    if unit is None or unit.name == "-":
+        bracket = [text for text in meaning.unknown if not text[0].isalnum()]
+        if bracket:
+            raise InputError(
+                f"{table.source}: {quantity}: the unit {bracket[0]} in column {name!r} is "
+                f"not known; write {name}:UNIT, one of {', '.join(UNITS[quantity])}"
+            )
+        return first
+    try:
+        to_si(kind_of(quantity), unit.name)
+    except KeyError:
+        raise InputError(
+            f"{table.source}: {quantity}: the header says {unit.name} in column {name!r}, "
+            f"which is not in {first}; write {name}:UNIT, one of "
+            f"{', '.join(UNITS[quantity])}"
+        ) from None
+    return unit.name
+
+
+def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
+    """Propose columns for the quantities that the user did not name.
+
+    Args:
+        table: as text.
+        given: columns that the user named.
+    """
+    named = {column.name for column in given.values()}
+    notes: list[str] = []
+    candidates: dict[str, list[_Candidate]] = {}
+    for name in table.columns:
+        if name in named:
+            continue
+        candidate, note = _candidate(name, table)
+        if candidate is not None and candidate.quantity not in given:
+            candidates.setdefault(candidate.quantity, []).append(candidate)
+        if note:
+            notes.append(note)
+    proposed: dict[str, Column] = {}
+    questions: dict[str, Question] = {}
+    for quantity, rivals in candidates.items():
+        if quantity.startswith("any_"):
+            continue
+        rivals.sort(key=lambda rival: rival.rank, reverse=True)
+        best = rivals[0]
+        proposed[quantity] = Column(best.name, best.unit, best.why)
+        question = _question(quantity, rivals, table)
+        if question is not None:
+            questions[quantity] = question
+    _same_speed_units(proposed, given)
+    _assign_sides(candidates, proposed, given, questions, notes)
+    spares = _take_spares(proposed, given)
+    spares = {name: spares[name] for name in spares if name not in questions}
+    if "stamp" in questions and not questions["stamp"].options:
+        del questions["stamp"]
+        del proposed["stamp"]
+    _merge_decimals(questions)
+    open_questions = [
+        q for name, q in questions.items() if name in proposed or name[:4] == "any_"
+    ]
+    for optional in ("oil_temperature", "pressure", "efficiency_std", "stage"):
+        if optional in questions:  # samples do without it
+            notes.append(f"left aside: {questions[optional]}")
+            open_questions.remove(questions[optional])
+            del proposed[optional]
+    return Proposal({**given, **proposed}, spares, tuple(open_questions), tuple(notes))
+
+
+def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
+    """Return what a column may hold, and a note where it was refused."""
+    below = table.units.get(name, "")
+    meaning = meaning_of(name, below)
+    quantity = meaning.quantity
+    if not quantity:
+        if meaning.problem and meaning.kind:
+            return None, f"column {name!r} is not used: {meaning.problem}"
+        return None, ""
+    if quantity == "stage":
+        return _Candidate(name, quantity, "", "name", _rank(True, meaning, True)), ""
+    if quantity == "stamp":
+        return _time_candidate(name, meaning, table)
+    style = table.styles[name]
+    numbers = read_numbers(table.columns[name], style.comma)
+    if finite_share(numbers.values) == 0.0:
+        cell = next((cell for cell in table.columns[name] if cell), "")
+        reason = f"cell {cell!r} is no number" if cell else "it is empty"
+        return None, f"column {name!r} would be {_words(quantity)}, but {reason}"
+    unit, why, doubt = _unit(quantity, meaning, below, numbers.values, numbers.units)
+    if meaning.problem:
+        doubt = f"column {name!r}: {meaning.problem}"
+    if meaning.weak:
+        doubt = f"column {name!r} may be a torque, a temperature, a pressure or a time"
+    brackets = [text for text in meaning.unknown if not text[0].isalnum()]
+    if brackets:
+        doubt = f"{brackets[0]} in column {name!r} is not known"
+    elif meaning.unknown and not (meaning.unit and meaning.unit.kind != "part"):
+        if why != "name" and why != "row of units":
+            words = ", ".join(map(repr, meaning.unknown))
+            doubt = f"{words} in column {name!r} is not known"
+    if style.doubtful:
+        doubt = f"column {name!r}: {style.doubtful!r} can be read in two ways"
+    if not unit and not doubt:
+        doubt = f"column {name!r} names no unit"
+    fits = False
+    if unit:
+        size, zero = to_si(kind_of(quantity), unit)
+        limits = RANGES.get(_with_side(quantity))
+        values = size * (numbers.values - zero)
+        fits = limits is not None and bool(limits.contains(values).mean() > 0.5)
+    rank = _rank(fits, meaning, why != "range")
+    return _Candidate(name, quantity, unit, why, rank, doubt, numbers.values), ""
+
+
+def _merge_decimals(questions: dict[str, Question]) -> None:
+    """Ask for the decimal sign once, since one answer holds for all columns."""
+    asked = [name for name in questions if questions[name].options == _DECIMALS]
+    for name in asked[1:]:
+        first = questions[asked[0]]
+        text = questions.pop(name).text.removesuffix(" can be read in two ways")
+        begun = first.text.removesuffix(" can be read in two ways")
+        questions[asked[0]] = first._replace(
+            text=f"{begun}, {text} can be read in two ways"
+        )
+
+
+def _rank(fits: bool, meaning: Meaning, told: bool) -> tuple[bool, bool, int, bool]:
+    return fits, not meaning.weak, -len(meaning.unknown), told
+
+
+def _words(quantity: str) -> str:
+    return quantity.replace("any_", "a ").replace("_", " ")
+
+
+def _with_side(quantity: str) -> str:
+    """Return a quantity whose range holds for one of an unknown side."""
+    sides = {
+        "any_speed": "output_speed",
+        "any_torque": "output_torque",
+        "any_power": "output_power",
+    }
+    return sides.get(quantity, quantity)
+
+
+def _unit(
+    quantity: str,
+    meaning: Meaning,
+    below: str,
+    values: Array,
+    in_cells: tuple[str, ...],
+) -> tuple[str, str, str]:
+    """Return unit, what said so, and a doubt about it."""
+    kind = kind_of(quantity)
+    if meaning.unit is not None and not (meaning.unit.name == "-" and kind != "part"):
+        why = "row of units" if unit_of(below) == meaning.unit else "name"
+        return _checked_unit(kind, meaning.unit.name, why)
+    if below and unit_of(below) is None and kind != "part":
+        return "", "", f"the unit {below!r} in the row of units is not known"
+    if in_cells:
+        return _checked_unit(kind, in_cells[0], "cells")
+    size = float(np.nanquantile(np.abs(values), 0.9))
+    if kind == "part":
+        return ("-" if size <= 1.5 else "%"), "range", ""
+    if kind == "speed":
+        return ("rad/s" if size <= _RAD_PER_S_UP_TO else "rpm"), "range", ""
+    if kind == "torque" and size > _NM_FROM:
+        return "N m", "range", ""
+    if kind == "power" and size <= _KW_UP_TO:
+        return "kW", "range", ""
+    if kind == "power" and size >= _W_FROM:
+        return "W", "range", ""
+    return "", "", ""
+
+
+def _checked_unit(kind: str, unit: str, why: str) -> tuple[str, str, str]:
+    try:
+        to_si(kind, unit)
+    except KeyError:
+        reason = "may count radians or turns" if unit == "1/s" else "is no unit of it"
+        return "", "", f"unit {unit} {reason}"
+    return unit, why, ""
+
+
+def _time_candidate(
+    name: str, meaning: Meaning, table: RawTable
+) -> tuple[_Candidate | None, str]:
+    unit = ""
+    if meaning.unit is not None and meaning.unit.kind == "time":
+        unit = meaning.unit.name
+    times = read_times(table.columns[name], unit, table.styles[name].comma)
+    if (
+        not times.question
+        and not np.isfinite(times.seconds).any()
+        and not times.unreadable
+    ):
+        return None, ""
+    doubt = _time_doubt(name, times)
+    small = len(table.rows) < _LONG_TABLE
+    if not times.scale_known and small:
+        why = f"column {name!r} is not used as time: {times.question}"
+        return None, f"{why} ({option('stamp', name, 'UNIT')} uses it)"
+    told = bool(unit) or not times.dated
+    rank = _rank(not times.dated, meaning, told)
+    found = _Candidate(
+        name, "stamp", times.unit or unit, "name", rank, doubt, times.seconds
+    )
+    return found, ""
+
+
+def _time_doubt(name: str, times: Times) -> str:
+    if times.unreadable and finite_share(times.seconds) < 0.5:
+        return (
+            f"column {name!r} is named as time, but {times.unreadable!r} cannot be read "
+            "as a time"
+        )
+    if times.scale_known or not reads_as_seconds(times.seconds):
+        return f"column {name!r}: {times.question}" if times.question else ""
+    return ""
+
+
+def reads_as_seconds(values: Array) -> bool:
+    """Return whether numbers without a unit rise as the seconds of a recording do."""
+    known = values[np.isfinite(values)]
+    steps = np.diff(known)
+    if len(steps) < _LONG_TABLE - 1 or np.mean(steps >= 0.0) < 0.9:
+        return False
+    typical = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    # Faster than 1 kHz or slower than 2 s, the numbers may well count minutes or milliseconds.
+    return 1e-3 <= typical <= 2.0 and typical != 1.0
+
+
+def _question(
+    quantity: str, rivals: list[_Candidate], table: RawTable
+) -> Question | None:
+    """Return what is open about the best candidate of a quantity."""
+    best = rivals[0]
+    units = tuple(UNITS.get(quantity, ()))
+    if best.doubt:
+        if "two ways" in best.doubt:
+            return Question(best.doubt, _DECIMALS)
+        if quantity == "stamp" and "cannot be read" in best.doubt:
+            return Question(f"{best.doubt} (--averaged takes each row as a test)")
+        if quantity == "stamp" and "day and month" in best.doubt:
+            choices = ("dmy", "mdy")
+        elif quantity == "stamp":
+            choices = ("s", "ms", "min", "h")
+        else:
+            choices = units[:2]
+        answers = tuple(option(quantity, best.name, unit) for unit in choices)
+        return Question(best.doubt, answers)
+    ties = [
+        rival
+        for rival in rivals[1:]
+        if rival.rank == best.rank and not _equal(rival, best)
+    ]
+    again = [rival for rival in rivals[1:] if rival.name.startswith(f"{best.name} (")]
+    again = [rival for rival in again if not _equal(rival, best)]
+    if ties or again:
+        both = [best, *(ties or again)]
+        names = " and ".join(repr(rival.name) for rival in both)
+        answers = tuple(option(quantity, rival.name, rival.unit) for rival in both)
+        return Question(f"columns {names} both name {_words(quantity)}", answers)
+    return None
+
+
+def _equal(one: _Candidate, other: _Candidate) -> bool:
+    """Return whether two columns hold the same values in the same unit."""
+    if one.values is None or other.values is None:
+        return False
+    if one.quantity == "stamp":
+        rising = one.values - one.values[0]
+        return bool(
+            np.allclose(
+                rising, other.values - other.values[0], atol=0.5, equal_nan=True
+            )
+        )
+    return one.unit == other.unit and bool(
+        np.array_equal(one.values, other.values, equal_nan=True)
+    )
+
+
+def _same_speed_units(proposed: dict[str, Column], given: Mapping[str, Column]) -> None:
+    """Take an output speed without unit in that of the engine: it may turn slowly."""
+    engine = proposed.get("engine_speed") or given.get("engine_speed")
+    output = proposed.get("output_speed")
+    if engine is not None and output is not None and output.why == "range":
+        proposed["output_speed"] = output._replace(unit=engine.unit)
+
+
+def _assign_sides(
+    candidates: Mapping[str, list[_Candidate]],
+    proposed: dict[str, Column],
+    given: Mapping[str, Column],
+    questions: dict[str, Question],
+    notes: list[str],
+) -> None:
+    """Give columns that name no side a quantity where only one is possible, else ask.
+
+    The only speed of a table is the engine's and the only torque the load's, as bench tables
+    write them; beside a second speed or torque the side is asked.
+    """
+    known = {*proposed, *given}
+    for kind in SHAFT_KINDS:
+        rivals = candidates.get(f"any_{kind}", [])
+        strong = [rival for rival in rivals if rival.rank[1]]
+        notes += [
+            f"column {rival.name!r} is not used: it may be a torque, a temperature, a "
+            "pressure, a power or a time"
+            for rival in rivals
+            if not rival.rank[1]
+        ]
+        needed = set(missing_quantities(known))
+        if not strong:
+            continue
+        alone = len(strong) == 1 and not any(
+            name.endswith(f"_{kind}") for name in known
+        )
+        target = {"speed": "engine_speed", "torque": "load_torque"}.get(kind, "")
+        one_shaft = "output_speed" not in known
+        if alone and target and one_shaft and kind_needed(kind, needed):
+            best = strong[0]
+            reason = f"{best.why}, the only {kind}"
+            proposed[target] = Column(best.name, best.unit, reason)
+            known.add(target)
+            question = _question(target, strong, _NO_TABLE)
+            if question is not None:
+                questions[target] = question
+            elif best.rank[2] < 0:
+                questions[target] = _side_question(kind, strong)
+        elif kind_needed(kind, needed):
+            questions[f"any_{kind}"] = _side_question(kind, strong)
+        else:
+            notes += [
+                f"column {rival.name!r} names no side and is not used"
+                for rival in strong
+            ]
+
+
+def kind_needed(kind: str, missing: Set[str]) -> bool:
+    """Return whether what is missing could be a quantity of a kind."""
+    if kind == "speed":
+        return any("speed" in name for name in missing)
+    return any("torque" in name or "power" in name for name in missing)
+
+
+def _side_question(kind: str, rivals: list[_Candidate]) -> Question:
+    names = " and ".join(repr(rival.name) for rival in rivals)
+    verb = "does" if len(rivals) == 1 else "do"
+    best = rivals[0]
+    sides = ("engine", "output", "load") if kind == "torque" else ("engine", "output")
+    answers = tuple(option(f"{side}_{kind}", best.name, best.unit) for side in sides)
+    return Question(
+        f"column {names} {verb} not say which side of the transmission it is of",
+        answers,
+    )
+
+
+def _take_spares(
+    proposed: dict[str, Column], given: Mapping[str, Column]
+) -> dict[str, Column]:
+    """Move quantities that the others already give out of the proposal."""
+    spares = {}
+    for quantity in _SPARE:
+        all_names = {*proposed, *given}
+        if quantity not in proposed:
+            continue
+        if missing_quantities(all_names - {quantity}) == missing_quantities(all_names):
+            spares[quantity] = proposed.pop(quantity)
+    return spares
+
+
+_NO_TABLE = RawTable({}, {}, [], {}, {}, "", "", "", 0)

@@ -1,0 +1,215 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Files as rows of text: encodings, Excel sheets, and formats that are no table of text.
+
+Text is cut by the csv module, which keeps the line of every row and the rows of another length;
+pandas reads Excel and OpenDocument files.
+"""
+
+import csv
+import hashlib
+import io
+import os
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...errors import InputError
+
+SPREADSHEETS = {
+    ".xlsx": "openpyxl",
+    ".xlsm": "openpyxl",
+    ".xls": "xlrd",
+    ".ods": "odfpy",
+}
+"""Suffixes of spreadsheets, and the package by which pandas reads them."""
+SEPARATORS = (";", "\t", ",", "|", "")
+"""What may separate columns; `""` stands for blanks."""
+_MAX_BYTES = 256 * 1024 * 1024
+# First bytes of a file, what it is, and what reads it.
+_BINARY = (
+    (b"PAR1", "a Parquet file", "pandas.read_parquet(...).to_csv(...)"),
+    (b"MDF ", "an MDF file (.mf4, .mdf, .dat)", "asammdf: mdf.export('csv')"),
+    (b"UnFinMF ", "an MDF file that was not closed", "asammdf: mdf.export('csv')"),
+    (b"TDSm", "a TDMS file of LabVIEW", "npTDMS: tdmsinfo, TdmsFile.as_dataframe()"),
+    (b"TDSh", "the index of a TDMS file", "the .tdms file beside it, with npTDMS"),
+    (b"LOGG", "a BLF file of a CAN log", "python-can and cantools with the .dbc"),
+    (
+        b"MATLAB 5.0",
+        "a MAT file of MATLAB",
+        "scipy.io.loadmat, or writetable in MATLAB",
+    ),
+    (b"\x89HDF", "an HDF5 file (also .mat 7.3)", "h5py or pandas.read_hdf"),
+    (b"ARROW1", "a Feather file", "pandas.read_feather(...).to_csv(...)"),
+    (b"SQLite format 3", "an SQLite data base", "sqlite3 or pandas.read_sql"),
+    (b"\x89MCAP", "an MCAP recording", "hmcvt import-bag"),
+    (b"#ROSBAG", "a ROS 1 bag", "rosbags-convert, then hmcvt import-bag"),
+    (b"\x1f\x8b", "a gzip archive", "gunzip, then hmcvt import"),
+    (b"7z\xbc\xaf", "a 7z archive", "7z x, then hmcvt import"),
+    (b"%PDF", "a PDF", "a table saved as CSV or Excel"),
+    (b"<!DOCTYPE", "a web page", "a table saved as CSV or Excel"),
+    (b"<html", "a web page", "a table saved as CSV or Excel"),
+)
+_SPREADSHEET_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+
+
+class Sheet(NamedTuple):
+    """Rows of cells without blanks around them; `name` is that of a sheet, `""` for text."""
+
+    name: str
+    rows: list[list[str]]
+
+
+def read_bytes(path: Path) -> tuple[bytes, str]:
+    """Return the content of a file and its SHA-256.
+
+    Raises:
+        InputError: the file cannot be read or is too large.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(
+                f"{path}: larger than {_MAX_BYTES >> 20} MiB, not a bench log"
+            )
+        raw = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    return raw, hashlib.sha256(raw).hexdigest()
+
+
+def refuse_binary(path: Path, raw: bytes) -> None:
+    """Raise an `InputError` that names a binary format and what reads it."""
+    for start, name, reader in _BINARY:
+        if raw[: len(start)].lower() == start.lower():
+            raise InputError(
+                f"{path}: is {name}, which holds no text: convert it to CSV with "
+                f"{reader}"
+            )
+
+
+def read_text(path: str | os.PathLike[str], utf_16: bool = False) -> tuple[str, str]:
+    """Return the text of a file and its SHA-256.
+
+    Args:
+        path: of the file.
+        utf_16: whether to read UTF-16 too, as some programs export "Unicode text".
+
+    Raises:
+        InputError: the file cannot be read, is too large, or holds no text.
+    """
+    raw, sha256 = read_bytes(Path(path))
+    refuse_binary(Path(path), raw)
+    text = _decoded(raw, path, utf_16)
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # line ends of old programs
+    return text, sha256
+
+
+def _decoded(raw: bytes, path: str | os.PathLike[str], utf_16: bool) -> str:
+    if utf_16 and raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        with suppress(UnicodeDecodeError):
+            return raw.decode("utf-16")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if b"\0" in raw:
+            raise InputError(
+                f"{path}: not UTF-8 text at byte {error.start}: save it as 'CSV UTF-8'"
+            ) from None
+    with suppress(UnicodeDecodeError):
+        chinese = raw.decode("gb18030")
+        if re.search(
+            "[\u8f6c\u626d\u6548\u529f\u6e29\u538b][\u901f\u77e9\u7387\u5ea6\u529b]",
+            chinese,
+        ):
+            return chinese
+    return raw.decode("cp1252", "replace")
+
+
+def split_rows(text: str, separator: str, source: str) -> list[list[str]]:
+    """Cut text into cells without blanks around them.
+
+    Args:
+        text: of the file.
+        separator: one of `SEPARATORS`.
+        source: name of the file, for messages.
+
+    Raises:
+        InputError: quotation marks do not match.
+    """
+    if not separator:
+        return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
+    reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+    try:
+        return [[cell.strip() for cell in row] for row in reader]
+    except csv.Error as error:
+        raise InputError(f"{source}: not CSV: {error}") from None
+
+
+def is_spreadsheet(path: Path) -> bool:
+    """Return whether the name of a file is that of a spreadsheet."""
+    return path.suffix.lower() in SPREADSHEETS
+
+
+def read_spreadsheet(path: Path, sheet: str | None) -> tuple[list[Sheet], str]:
+    """Return the sheets of an Excel or OpenDocument file, and its SHA-256.
+
+    Args:
+        path: of the file.
+        sheet: the only sheet wanted; None for all.
+
+    Raises:
+        InputError: the file cannot be read, a package is missing, or there is no such sheet.
+    """
+    raw, sha256 = read_bytes(path)
+    refuse_binary(path, raw)
+    frames = _frames(path, raw)
+    if sheet is not None:
+        if sheet not in frames:
+            raise InputError(
+                f"{path}: sheet {sheet!r} is missing; there is {', '.join(frames)}"
+            )
+        frames = {sheet: frames[sheet]}
+    sheets = []
+    for name, frame in frames.items():
+        rows = [
+            [_cell_text(cell) for cell in row] for row in frame.itertuples(index=False)
+        ]
+        sheets.append(Sheet(str(name), rows))
+    return sheets, sha256
+
+
+def _frames(path: Path, raw: bytes) -> dict[str, Any]:
+    if not raw.startswith(_SPREADSHEET_BYTES):
+        raise InputError(f"{path}: no Excel file, or damaged: it is no spreadsheet")
+    import pandas
+
+    try:
+        return dict(
+            pandas.read_excel(
+                io.BytesIO(raw), sheet_name=None, header=None, dtype=object
+            )
+        )
+    except ImportError:
+        package = SPREADSHEETS[path.suffix.lower()]
+        raise InputError(
+            f"{path}: a spreadsheet {path.suffix} needs {package}: pip install "
+            '"hmcvt_ros[table]", or save it as CSV'
+        ) from None
+    except Exception as error:  # of the package that reads this kind of file
+        raise InputError(f"{path}: no Excel file, or damaged: {error}") from None
+
+
+def _cell_text(cell: Any) -> str:
+    if cell is None or cell != cell:  # NaN and NaT differ from themselves
+        return ""
+    if isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15:
+        return str(int(cell))
+    return str(cell).strip()
+
+
+def consistent_rows(rows: Sequence[Sequence[str]]) -> int:
+    """Return how many rows have the most frequent number of fields, of rows with two or more."""
+    lengths = [len(row) for row in rows if len(row) > 1]
+    return max((lengths.count(length) for length in set(lengths)), default=0)

@@ -1,0 +1,502 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which words, units and sides of the transmission name which quantity.
+
+`WORDS` gives the meaning of each word, in several languages. `RULES` says which meanings make a
+quantity. Every word of a name counts: a word that is not listed is reported, so that the proposal
+can ask instead of passing over it. To add a language, add its words to `WORDS`.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
+from typing import NamedTuple
+
+from .units import Unit, plain_text, unit_of, usual_unit
+
+KINDS = (
+    "efficiency",
+    "stroke",
+    "temperature",
+    "pressure",
+    "power",
+    "torque",
+    "speed",
+    "flow",
+    "time",
+    "stage",
+)
+SHAFT_KINDS = ("speed", "torque", "power")
+"""What is measured at a shaft, so that its side must be known."""
+
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "efficiency": "efficiency efficiencies eta eff effic wirkungsgrad rendement "
+        "rendimiento rendimento eficiencia efficienza verim kpd \u6548\u7387 "
+        "\u603b\u6548\u7387 \u043a\u043f\u0434",
+        "stroke": "displacement stroke eps epsilon swash swivel swashplate "
+        "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad aussteuerung "
+        "schluckgrad alpha displ cylindree cilindrada cilindrata carrera corsa course "
+        "\u6392\u91cf\u6bd4 \u6392\u91cf \u659c\u76d8",
+        "temperature": "temp temperature temperatur temperatura temperaturen "
+        "\u6e29\u5ea6 \u6cb9\u6e29",
+        "pressure": "pressure press pres druck dp deltap druckdifferenz differenzdruck "
+        "pression presion pressione pressao hochdruck \u538b\u529b \u538b\u5dee "
+        "\u538b\u5f3a",
+        "power": "power leistung pwr puissance potencia potenza \u529f\u7387",
+        "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
+        "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
+        "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
+        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit "
+        "\u8f6c\u901f \u89d2\u901f\u5ea6",
+        "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
+        "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
+        "stage": "stage gang fahrbereich stufe",
+        "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
+        "\u6d41\u91cf",
+        "engine": "engine eng input inlet in an antrieb eingang antriebswelle "
+        "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
+        "ingresso entrada motore vm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
+        "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
+        "ausgangswelle sortie salida uscita saida cardan \u8f93\u51fa "
+        "\u8f93\u51fa\u8f74",
+        "load": "load last charge carga carico \u8d1f\u8f7d",
+        "std": "std sigma uncertainty stdev scatter streuung unsicherheit deviation "
+        "standardabweichung",
+        "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
+        "hydrauliktank oeltank \u6cb9",
+        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck",
+        "neutral": "of the at and de du des del di la le les el il der die das am pro "
+        "shaft welle arbre albero eje value values val wert mean average avg mittel "
+        "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
+        "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
+        "gearbox getriebe trans cvt hmcvt pump pumpe pompe pompa bomba angular plate "
+        "position pos angle winkel relative norm normalized percent delta d diff "
+        "difference differential hydraulic hydraulisch hydr hyd system sys degree grad "
+        "elapsed test abs absolute lokal utc sec \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
+        "\u53d8\u901f\u7bb1 \u673a\u68b0 bench pruefstand x",
+        "other": "loss losses verlust verluste perte perdida perdita fuel kraftstoff "
+        "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
+        "commanded demand demanded desired requested request limit limits max maximum "
+        "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
+        "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
+        "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
+        "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
+        "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
+        "carrier number nr nummer no count start stop end duration dauer operating "
+        "remaining operation betriebsstunden air luft intake manifold charge_air "
+        "torsional weather humidity tyre tire reifen reference ref",
+    }
+)
+"""Words by meaning, without accents; umlauts as two letters."""
+
+COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "motordrehzahl": ("engine", "speed"),
+        "motordrehmoment": ("engine", "torque"),
+        "motormoment": ("engine", "torque"),
+        "motorleistung": ("engine", "power"),
+        "oiltemp": ("oil", "temperature"),
+        "oeltemp": ("oil", "temperature"),
+        "toil": ("oil", "temperature"),
+        "toel": ("oil", "temperature"),
+        "\u6cb9\u6e29": ("oil", "temperature"),
+    }
+)
+"""Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
+_GERMANIC_KINDS = frozenset(
+    ["drehzahl", "drehmoment", "moment", "leistung", "par", "velocidad", "regimen", "potencia"]
+)
+"""Beside these words `motor` is German or Spanish and means the engine."""
+
+SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "n": ("speed",),
+        "N": ("speed",),
+        "w": ("speed",),
+        "M": ("torque",),
+        "m": ("torque",),
+        "T": ("temperature", "torque"),
+        "t": ("time", "temperature", "torque"),
+        "P": ("power", "pressure"),
+        "p": ("pressure", "power"),
+        "Q": ("flow",),
+        "q": ("flow",),
+        "s": ("stroke",),
+    }
+)
+"""Letters that stand for a quantity, the usual one first; a unit or another column decides."""
+_WEAK_SYMBOLS = frozenset("mTtPpsw")
+"""Letters that alone, without a unit, do not name a quantity for sure."""
+
+
+class Rule(NamedTuple):
+    """One quantity and the meanings that its name must and must not have.
+
+    Attributes:
+        quantity: a key of `units.UNITS`, or `stage`.
+        kind: one of `KINDS`.
+        side: `engine`, `output` or `load` of the transmission; `""` where none applies.
+        needs: further meanings of which the name has one; empty for none.
+        excludes: meanings that the name must not have.
+    """
+
+    quantity: str
+    kind: str
+    side: str = ""
+    needs: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
+
+
+RULES = (
+    Rule("efficiency_std", "efficiency", needs=("std",)),
+    Rule("efficiency", "efficiency", excludes=("std",)),
+    Rule("displacement_ratio", "stroke", excludes=("std",)),
+    Rule("oil_temperature", "temperature", excludes=("std", "engine")),
+    Rule("pressure", "pressure", excludes=("std", "feed", "engine", "oil")),
+    Rule("stamp", "time", excludes=("std", "engine")),
+    Rule("stage", "stage", excludes=("std",)),
+    Rule("engine_speed", "speed", "engine", excludes=("std",)),
+    Rule("output_speed", "speed", "output", excludes=("std",)),
+    Rule("output_speed", "speed", "load", excludes=("std",)),
+    Rule("engine_torque", "torque", "engine", excludes=("std",)),
+    Rule("output_torque", "torque", "output", excludes=("std",)),
+    Rule("load_torque", "torque", "load", excludes=("std",)),
+    Rule("engine_power", "power", "engine", excludes=("std",)),
+    Rule("output_power", "power", "output", excludes=("std",)),
+    Rule("output_power", "power", "load", excludes=("std",)),
+)
+
+
+class Meaning(NamedTuple):
+    """What the name of a column says.
+
+    Attributes:
+        quantity: named by a rule; `any_speed`, `any_torque`, `any_power` where the side is not
+            said; `""` where no rule applies.
+        kind: what is measured, `""` if nothing says so.
+        unit: from the name or the row of units; None without one.
+        unknown: words and brackets that are not understood.
+        problem: why the column cannot be taken without asking; `""` for no problem.
+        weak: whether only a letter of several uses names it.
+    """
+
+    quantity: str = ""
+    kind: str = ""
+    unit: Unit | None = None
+    unknown: tuple[str, ...] = ()
+    problem: str = ""
+    weak: bool = False
+
+
+def _dictionary() -> dict[str, tuple[str, ...]]:
+    words: dict[str, tuple[str, ...]] = {}
+    for meaning, listed in WORDS.items():
+        for word in listed.split():
+            words[word] = (*words.get(word, ()), meaning)
+    return words | dict(COMPOUNDS)
+
+
+_MEANINGS = _dictionary()
+_LONG = sorted((w for w in _MEANINGS if len(w) > 3 or not w.isascii()), key=len)[::-1]
+_LINKS = ("", "s", "es", "n", "en")
+_BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
+_DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
+_SUFFIX = re.compile(r"[_ ]([^_ ]+(?:[_ ]ft)?)$")
+
+
+@lru_cache(maxsize=4096)
+def _word_meanings(word: str) -> tuple[str, ...]:
+    """Return the meanings of a word, those of its parts where it is composed; () if unknown."""
+    if word in _MEANINGS:
+        return _MEANINGS[word]
+    for part in _LONG:
+        if not word.startswith(part):
+            continue
+        for link in _LINKS:
+            rest = word[len(part) :]
+            if not rest.startswith(link) or rest == link:
+                continue
+            others = (
+                _word_meanings(rest[len(link) :]) if len(rest) > len(link) + 1 else ()
+            )
+            if others:
+                return (*_MEANINGS[part], *others)
+    return ()
+
+
+def _tokens(name: str) -> list[str]:
+    """Return the words of a name in their own case."""
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain_text(name))
+    text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
+    text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
+    return re.findall(r"[^\W_]+", text)
+
+
+class _Parts(NamedTuple):
+    """A header cell taken apart: its words, its unit, and a bracket that is no unit."""
+
+    words: list[str]
+    unit: Unit | None
+    unread: tuple[str, ...] = ()
+
+
+def _take_apart(cell: str) -> _Parts:
+    """Split a cell of the header into words and unit."""
+    unit: Unit | None = None
+    unread: list[str] = []
+    inner_words: list[str] = []
+    brackets = list(_BRACKET.finditer(cell))
+    bare = _BRACKET.sub(" ", cell).strip()
+    for number, bracket in enumerate(reversed(brackets)):
+        text = bracket[1].strip()
+        known = usual_unit(text) if text else None
+        tokens = _tokens(text)
+        if known is None and all(_word_meanings(token.lower()) for token in tokens):
+            inner_words += tokens
+            continue
+        known = known or unit_of(text)
+        if known is not None and (number == 0 or unit is None):
+            unit = known
+        else:
+            unread.append(bracket[0])
+    if unit is not None or brackets:
+        return _Parts([*_tokens(bare), *inner_words], unit, tuple(unread))
+    return _without_suffix(bare)
+
+
+def _without_suffix(name: str) -> _Parts:
+    """Split off a unit that follows the name without brackets, as in `n_engine_rpm`."""
+    delimited = _DELIMITED.search(name)
+    if delimited is not None:
+        known = usual_unit(delimited[1])
+        if known is not None:
+            return _Parts(_tokens(name[: delimited.start()]), known)
+    suffix = _SUFFIX.search(name)
+    if suffix is None:
+        return _Parts(_tokens(name), None)
+    known = usual_unit(suffix[1])
+    if known is None or suffix[1].isdigit():
+        return _Parts(_tokens(name), None)
+    before = _tokens(name[: suffix.start()])
+    kinds = _kinds(before)
+    fits = known.kind in kinds or (
+        known.kind == "part" and bool(kinds & {"efficiency", "stroke"})
+    )
+    short = len(suffix[1]) < 2 and suffix[1] != "%"
+    index = suffix[1].lower() in ("in", "h", "s", "m") or (short and not _named(before))
+    if not fits and not (
+        kinds == set() and known.kind == "speed" and len(suffix[1]) > 2
+    ):
+        return _Parts(_tokens(name), None)
+    if index and known.kind not in ("temperature", "time"):
+        return _Parts(_tokens(name), None)
+    return _Parts(before, known)
+
+
+def _named(tokens: list[str]) -> bool:
+    """Return whether a name says more than a letter."""
+    return any(len(token) > 1 for token in tokens)
+
+
+def _kinds(tokens: list[str]) -> set[str]:
+    """Return what the words of a name measure; symbols count only where no word does."""
+    kinds = {
+        meaning
+        for token in tokens
+        for meaning in _word_meanings(token.lower())
+        if meaning in KINDS and token not in SYMBOLS
+    }
+    if kinds:
+        return kinds
+    return {kind for token in tokens for kind in SYMBOLS.get(token, ())}
+
+
+@lru_cache(maxsize=4096)
+def meaning_of(name: str, unit_below: str = "") -> Meaning:
+    """Return what a header cell means.
+
+    Args:
+        name: cell of the header.
+        unit_below: cell of the row of units; it adds to the name and never shortens it.
+    """
+    parts = _take_apart(name)
+    below = unit_of(unit_below) if unit_below else None
+    unit = parts.unit or below
+    unknown = list(parts.unread)
+    problem = ""
+    if below is not None and parts.unit is not None:
+        same = below == parts.unit or below.name == "-"
+        if not same:
+            problem = (
+                f"the header says {parts.unit.name}, the row of units {below.name}"
+            )
+    if unit is not None and unit.name == "-" and "-" not in (unit_below, name):
+        unit = unit if parts.unit else below
+    kind, weak, clash = _kind(parts.words, unit)
+    if clash:
+        return Meaning("", kind, unit, tuple(unknown), clash)
+    means, strange = _meanings(parts.words, kind)
+    unknown += strange
+    if "other" in means or (
+        "ratio" in map(str.lower, parts.words) and kind not in ("stroke", "efficiency")
+    ):
+        return Meaning("", kind, unit, tuple(unknown), problem)
+    quantity, side_problem = _by_rules(kind, means, parts.words)
+    return Meaning(quantity, kind, unit, tuple(unknown), problem or side_problem, weak)
+
+
+def _kind(words: list[str], unit: Unit | None) -> tuple[str, bool, str]:
+    """Return what is measured, whether only a letter says so, and a clash of words and unit."""
+    kinds = _kinds(words)
+    by_letter = bool(kinds) and not any(
+        meaning in KINDS
+        for word in words
+        if word not in SYMBOLS
+        for meaning in _word_meanings(word.lower())
+    )
+    if unit is not None and unit.kind not in ("part", "other"):
+        if unit.kind == "speed" and "speed" not in kinds and kinds and not by_letter:
+            return "", False, f"the name does not name a speed, its unit is {unit.name}"
+        if kinds and unit.kind not in kinds:
+            named = " or ".join(sorted(kinds))
+            return named, False, f"the name says {named}, its unit is {unit.name}"
+        return unit.kind, False, ""
+    for kind in KINDS:
+        if kind in kinds and not by_letter:
+            return _checked_part(kind, unit)
+    if not kinds:
+        return "", False, ""
+    letter = next(word for word in words if word in SYMBOLS)
+    return SYMBOLS[letter][0], letter in _WEAK_SYMBOLS, ""
+
+
+def _checked_part(kind: str, unit: Unit | None) -> tuple[str, bool, str]:
+    wrong = unit is not None and (
+        unit.kind == "other"
+        or (unit.name == "%" and kind in ("speed", "torque", "power"))
+    )
+    if wrong and unit is not None and kind != "stage":
+        return kind, False, f"its unit is {unit.name}"
+    return kind, False, ""
+
+
+def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
+    """Return the meanings of the words of a name, and the words without one."""
+    means: set[str] = set()
+    strange = []
+    lowered = [word.lower() for word in words]
+    for word, low in zip(words, lowered, strict=True):
+        if word in SYMBOLS and kind in SYMBOLS[word]:
+            continue
+        if low == "motor" and _GERMANIC_KINDS & set(lowered):
+            means.add("engine")
+            continue
+        found = _word_meanings(low)
+        if found:
+            means |= set(found)
+        else:
+            strange.append(word)
+    if kind in ("pressure", "temperature") and "charge" in lowered:
+        means.add("feed")
+    if kind == "temperature":
+        # Getriebe, transmission and hydraulic are the place of the oil here.
+        if {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"} & set(
+            lowered
+        ):
+            means.add("oil")
+    return means, strange
+
+
+def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
+    """Return the quantity that the rules give, and what stays open about the side."""
+    sides = means & {"engine", "output", "load"}
+    if kind in SHAFT_KINDS:
+        if "std" in means:
+            return "", ""
+        text = " ".join(words).lower()
+        if sides == {"engine", "output"} and "of the engine" in text:
+            sides = {"engine"}
+        if not sides:
+            return f"any_{kind}", ""
+        if len(sides) > 1:
+            return f"any_{kind}", "names two sides of the transmission"
+    if kind == "temperature":
+        several = len([word for word in words if word.isalpha()]) > 1
+        if "oil" not in means and several:
+            return "", ""
+        if sides & {"output", "load"}:
+            return "", ""
+    for rule in RULES:
+        if rule.kind != kind or (rule.side and rule.side not in sides):
+            continue
+        if rule.needs and not set(rule.needs) & means:
+            continue
+        if set(rule.excludes) & means:
+            continue
+        return rule.quantity, ""
+    return "", ""
+
+
+def names_quantity(cell: str) -> str:
+    """Return the quantity or kind of shaft that a header cell names; `""` for none."""
+    meaning = meaning_of(cell)
+    return meaning.quantity if meaning.quantity else ""
+
+
+_UNIT_BENCH = (
+    ("volumetric_efficiency", "efficiency", "volumetric volumetrisch vol volumetrique"),
+    (
+        "mechanical_efficiency",
+        "efficiency",
+        "mechanical mechanisch mech hydromechanical mecanique hydraulisch",
+    ),
+    ("overall_efficiency", "efficiency", "overall total gesamt \u603b\u6548\u7387"),
+    ("flow_loss", "flow", "loss losses verlust leakage leckage"),
+    ("torque_loss", "torque", "loss losses verlust friction reib"),
+    ("oil_temperature", "temperature", "oil oel \u6cb9\u6e29"),
+)
+"""Quantities of the bench of one pump or motor that a further word tells apart."""
+_UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
+_UNIT_BENCH_WORDS = frozenset(
+    ["pump", "pumpe", "motor", "unit", "shaft", "delivered", "discharge", "effective", "actual", "measured", "differential", "difference", "delta", "d", "stroke", "output"]
+)
+
+
+def unit_bench_meaning(name: str) -> tuple[str, Unit | None]:
+    """Return the quantity that a column of the bench of one unit holds, and its unit.
+
+    Args:
+        name: cell of the header.
+
+    Returns:
+        `""` for a name that is not understood in every word.
+    """
+    parts = _take_apart(name)
+    if parts.unread:
+        return "", parts.unit
+    words = {word.lower() for word in parts.words}
+    kind, weak, clash = _kind(parts.words, parts.unit)
+    if parts.unit is not None and parts.unit.kind in ("displacement", "flow"):
+        kind = parts.unit.kind
+        weak, clash = False, ""
+    if weak or clash or not kind:
+        return "", parts.unit
+    if kind == "stroke":
+        kind = "displacement_ratio"
+    rest = {word for word in words if kind not in _word_meanings(word)}
+    rest -= {word for word in rest if word in SYMBOLS or word.upper() in SYMBOLS}
+    for quantity, of_kind, listed in _UNIT_BENCH:
+        hits = {
+            word for word in words for start in listed.split() if word.startswith(start)
+        }
+        if kind == of_kind and hits and rest <= hits | _UNIT_BENCH_WORDS:
+            return quantity, parts.unit
+    known = {word for word in rest if "stroke" in _word_meanings(word)}
+    if rest - known - _UNIT_BENCH_WORDS:
+        return "", parts.unit
+    if kind == "temperature":
+        return "oil_temperature", parts.unit
+    if kind in (*_UNIT_BENCH_PLAIN, "displacement", "displacement_ratio"):
+        return kind, parts.unit
+    return "", parts.unit

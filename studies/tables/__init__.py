@@ -1,0 +1,2 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Random tables of known content, imported: is a value ever wrong without a word?"""

@@ -1,0 +1,393 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Random bench tables written from known values.
+
+A table is complete when its header gives name, unit and side of every quantity needed, its cells
+can be read in one way only, and nothing in it contradicts that. Then an import should need no
+question. Of other tables a question is right, and so are the true values; a wrong value never is.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RPM = np.pi / 30.0
+# Names by language; S of a shaft quantity is its side.
+NAMES: dict[str, dict[str, tuple[str, ...]]] = {
+    "en": {
+        "displacement_ratio": (
+            "displacement ratio",
+            "Pump stroke",
+            "stroke",
+            "swash position",
+        ),
+        "engine_speed": (
+            "engine speed",
+            "Input Speed",
+            "n_engine",
+            "speed_in",
+            "EngineSpeed",
+        ),
+        "engine_torque": ("engine torque", "input torque", "M_engine", "torque_in"),
+        "engine_power": ("engine power", "Input power", "P_engine", "power_in"),
+        "output_speed": ("output speed", "n_output", "speed_out", "OutputShaftSpeed"),
+        "output_torque": (
+            "output torque",
+            "M_out",
+            "torque_out",
+            "Output shaft torque",
+        ),
+        "output_power": ("output power", "P_out", "power_out"),
+        "load_torque": ("load torque", "T_load", "Load Torque"),
+        "efficiency": (
+            "efficiency",
+            "eta",
+            "Total efficiency",
+            "Transmission Efficiency",
+        ),
+        "oil_temperature": ("oil temperature", "Oil temp", "T_oil", "sump temperature"),
+    },
+    "de": {
+        "displacement_ratio": ("Pumpenhub", "Verstellung", "Hub"),
+        "engine_speed": ("Motordrehzahl", "n_an", "Antriebsdrehzahl", "Drehzahl Motor"),
+        "engine_torque": ("Motordrehmoment", "M_an", "Antriebsmoment", "Motormoment"),
+        "engine_power": ("Motorleistung", "P_an", "Antriebsleistung"),
+        "output_speed": ("Abtriebsdrehzahl", "n_ab", "Drehzahl Abtrieb"),
+        "output_torque": ("Abtriebsdrehmoment", "M_ab", "Abtriebsmoment"),
+        "output_power": ("Abtriebsleistung", "P_ab"),
+        "load_torque": ("Lastmoment", "M_Last"),
+        "efficiency": ("Wirkungsgrad", "eta", "Gesamtwirkungsgrad"),
+        "oil_temperature": (
+            "\u00d6ltemperatur",
+            "T_\u00d6l",
+            "Getriebe\u00f6ltemperatur",
+        ),
+    },
+    "fr": {
+        "displacement_ratio": ("Cylindr\u00e9e",),
+        "engine_speed": ("R\u00e9gime moteur", "Vitesse d'entr\u00e9e"),
+        "engine_torque": ("Couple moteur", "couple entr\u00e9e"),
+        "engine_power": ("Puissance moteur",),
+        "output_speed": ("Vitesse de sortie", "Vitesse sortie"),
+        "output_torque": ("Couple de sortie", "Couple sortie"),
+        "output_power": ("Puissance de sortie",),
+        "load_torque": ("Couple de charge",),
+        "efficiency": ("Rendement",),
+        "oil_temperature": ("Temp\u00e9rature huile", "Temp\u00e9rature d'huile"),
+    },
+    "es": {
+        "displacement_ratio": ("cilindrada",),
+        "engine_speed": ("velocidad del motor", "r\u00e9gimen motor"),
+        "engine_torque": ("par motor", "par de entrada"),
+        "engine_power": ("potencia de entrada",),
+        "output_speed": ("velocidad de salida",),
+        "output_torque": ("par de salida",),
+        "output_power": ("potencia de salida",),
+        "load_torque": ("par de carga",),
+        "efficiency": ("rendimiento", "eficiencia"),
+        "oil_temperature": ("temperatura aceite", "temperatura del aceite"),
+    },
+    "it": {
+        "displacement_ratio": ("cilindrata",),
+        "engine_speed": ("giri motore", "velocit\u00e0 ingresso"),
+        "engine_torque": ("coppia motore", "coppia ingresso"),
+        "engine_power": ("potenza motore",),
+        "output_speed": ("velocit\u00e0 uscita",),
+        "output_torque": ("coppia uscita",),
+        "output_power": ("potenza uscita",),
+        "load_torque": ("coppia carico",),
+        "efficiency": ("rendimento", "efficienza"),
+        "oil_temperature": ("temperatura olio",),
+    },
+    "zh": {
+        "displacement_ratio": ("\u6392\u91cf\u6bd4",),
+        "engine_speed": ("\u53d1\u52a8\u673a\u8f6c\u901f", "\u8f93\u5165\u8f6c\u901f"),
+        "engine_torque": ("\u53d1\u52a8\u673a\u626d\u77e9", "\u8f93\u5165\u8f6c\u77e9"),
+        "engine_power": ("\u8f93\u5165\u529f\u7387",),
+        "output_speed": ("\u8f93\u51fa\u8f6c\u901f",),
+        "output_torque": ("\u8f93\u51fa\u626d\u77e9", "\u8f93\u51fa\u8f6c\u77e9"),
+        "output_power": ("\u8f93\u51fa\u529f\u7387",),
+        "load_torque": ("\u8d1f\u8f7d\u626d\u77e9",),
+        "efficiency": ("\u6548\u7387", "\u603b\u6548\u7387"),
+        "oil_temperature": ("\u6cb9\u6e29",),
+    },
+}
+# Unit texts by kind: size and zero in SI.
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    "part": {"%": (0.01, 0.0), "-": (1.0, 0.0)},
+    "speed": {
+        "rpm": (RPM, 0.0),
+        "1/min": (RPM, 0.0),
+        "min-1": (RPM, 0.0),
+        "rad/s": (1.0, 0.0),
+        "U/min": (RPM, 0.0),
+        "tr/min": (RPM, 0.0),
+        "deg/s": (np.pi / 180.0, 0.0),
+    },
+    "torque": {
+        "Nm": (1.0, 0.0),
+        "N\u00b7m": (1.0, 0.0),
+        "kNm": (1e3, 0.0),
+        "lb-ft": (1.3558179483, 0.0),
+        "ft lb": (1.3558179483, 0.0),
+        "daNm": (10.0, 0.0),
+        "kgf m": (9.80665, 0.0),
+    },
+    "power": {
+        "kW": (1e3, 0.0),
+        "W": (1.0, 0.0),
+        "hp": (745.69987, 0.0),
+        "PS": (735.49875, 0.0),
+    },
+    "temperature": {
+        "\u00b0C": (1.0, 0.0),
+        "degC": (1.0, 0.0),
+        "\u00b0F": (5.0 / 9.0, 32.0),
+        "K": (1.0, 273.15),
+    },
+}
+KINDS = {
+    "displacement_ratio": "part",
+    "efficiency": "part",
+    "engine_speed": "speed",
+    "output_speed": "speed",
+    "engine_torque": "torque",
+    "output_torque": "torque",
+    "load_torque": "torque",
+    "engine_power": "power",
+    "output_power": "power",
+    "oil_temperature": "temperature",
+}
+ROUTES = (
+    ("load_torque", "efficiency"),
+    ("engine_torque", "output_speed", "output_torque"),
+    ("engine_power", "output_power"),
+    ("engine_torque", "output_speed", "output_torque", "efficiency"),
+    ("output_speed", "output_torque", "efficiency"),
+    ("engine_torque", "load_torque"),
+    ("engine_power", "output_speed", "output_torque", "load_torque"),
+)
+"""Quantities beside stroke and engine speed by which a bench gives load and efficiency."""
+CONVENTIONAL = {"torque": ("Nm",), "power": ("kW", "W"), "speed": ("rpm", "rad/s")}
+"""Units that a header without units may mean; nothing in such a table shows others."""
+# Columns that hold none of the quantities: header, typical value, spread.
+OTHERS = (
+    ("ambient temperature [\u00b0C]", 22.0, 2.0),
+    ("fuel rate [kg/h]", 14.0, 4.0),
+    ("coolant temp [degC]", 85.0, 3.0),
+    ("charge pressure [bar]", 24.0, 1.0),
+    ("engine speed setpoint [rpm]", 1500.0, 300.0),
+    ("fan speed [rpm]", 2100.0, 300.0),
+    ("Solldrehzahl Motor [1/min]", 1500.0, 300.0),
+    ("volumetric efficiency [%]", 95.0, 2.0),
+    ("engine torque limit [Nm]", 700.0, 50.0),
+    ("PTO speed [rpm]", 540.0, 5.0),
+    ("humidity [%]", 40.0, 9.0),
+    ("vehicle speed [km/h]", 12.0, 5.0),
+)
+# Columns that make a table ambiguous: quantity that they may be taken for, header.
+RIVALS = (
+    ("engine_speed", "engine speed"),
+    ("engine_speed", "speed"),
+    ("output_torque", "torque"),
+    ("efficiency", "efficiency"),
+    ("output_speed", "wheel speed"),
+    ("engine_torque", "Torque 2"),
+)
+
+
+@dataclass(frozen=True)
+class RandomTable:
+    """A table and what is true of it.
+
+    Attributes:
+        text: of the file.
+        encoding: by which it is written.
+        truth: SI values by quantity, shape (n,) each.
+        rounding: largest error of each quantity by the digits written, as a part.
+        complete: whether an import needs no question.
+        features: what was drawn, for reports.
+    """
+
+    text: str
+    encoding: str
+    truth: dict[str, Array]
+    rounding: float
+    complete: bool
+    features: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, path: Path) -> None:
+        """Write the file."""
+        path.write_bytes(self.text.encode(self.encoding))
+
+
+def bench_truth(rng: np.random.Generator, tests: int) -> dict[str, Array]:
+    """Draw the quantities of tests of a transmission with one stage."""
+    stroke = np.round(
+        np.linspace(-0.98, 0.98, tests) + rng.uniform(-0.005, 0.005, tests), 4
+    )
+    stroke = rng.permutation(stroke)
+    speed = rng.uniform(850.0, 2150.0, tests) * RPM
+    load = rng.uniform(90.0, 600.0, tests)
+    efficiency = rng.uniform(0.62, 0.86, tests)
+    output_speed = speed * (1.2 + 0.37 * stroke) * rng.uniform(0.98, 1.0, tests)
+    return {
+        "displacement_ratio": stroke,
+        "engine_speed": speed,
+        "load_torque": load,
+        "efficiency": efficiency,
+        "engine_torque": load / efficiency,
+        "output_speed": output_speed,
+        "output_torque": load * speed / output_speed,
+        "engine_power": load * speed / efficiency,
+        "output_power": load * speed,
+        "oil_temperature": rng.uniform(55.0, 95.0, tests),
+    }
+
+
+def random_table(rng: np.random.Generator) -> RandomTable:
+    """Draw a table."""
+    truth = bench_truth(rng, int(rng.integers(6, 30)))
+    tests = len(truth["efficiency"])
+    language = str(rng.choice(list(NAMES)))
+    route = ROUTES[rng.integers(len(ROUTES))]
+    quantities = ["displacement_ratio", "engine_speed", *route]
+    if rng.random() < 0.4:
+        quantities.append("oil_temperature")
+    decimal = str(rng.choice([".", ","]))
+    separator = str(
+        rng.choice([";", "\t", "|"] if decimal == "," else [",", ";", "\t", "|"])
+    )
+    thousands = str(rng.choice(["", "", "", "," if decimal == "." else ".", " "]))
+    if thousands == separator:
+        thousands = ""
+    style = str(
+        rng.choice(
+            ["[]", "()", "row", "/", "_", "none"], p=[0.35, 0.15, 0.2, 0.1, 0.1, 0.1]
+        )
+    )
+    complete = style != "none"
+    columns: list[tuple[str, str, list[str]]] = []
+    rounding = 1e-4
+    for quantity in quantities:
+        name = str(rng.choice(NAMES[language][quantity]))
+        units = UNITS[KINDS[quantity]]
+        unit = str(rng.choice(list(units)))
+        if style == "_":
+            unit = {
+                "part": "%",
+                "speed": "rpm",
+                "torque": "Nm",
+                "power": "kW",
+                "temperature": "degC",
+            }[KINDS[quantity]]
+        if style == "none" and KINDS[quantity] in CONVENTIONAL:
+            unit = str(rng.choice(CONVENTIONAL[KINDS[quantity]]))
+        size, zero = units[unit]
+        values = truth[quantity] / size + zero
+        digits = int(rng.integers(3, 6)) - int(
+            np.floor(np.log10(np.max(np.abs(values))))
+        )
+        digits = int(np.clip(digits, 0, 6))
+        rounding += 0.5 * 10.0**-digits / float(np.min(np.abs(values)))
+        cells = [_number(value, digits, decimal, thousands) for value in values]
+        columns.append((name, unit, cells))
+    n_others = int(rng.integers(0, 4))
+    for index in rng.choice(len(OTHERS), n_others, replace=False):
+        header, middle, spread = OTHERS[index]
+        values = rng.normal(middle, spread, tests)
+        columns.append((header, "", [_number(v, 1, decimal, "") for v in values]))
+    rival = ""
+    if rng.random() < 0.15:
+        quantity, rival = RIVALS[rng.integers(len(RIVALS))]
+        size, zero = next(iter(UNITS[KINDS[quantity]].values()))
+        values = truth[quantity] / size * rng.uniform(0.7, 1.0, tests)
+        unit = next(iter(UNITS[KINDS[quantity]]))
+        columns.append((rival, unit, [_number(v, 3, decimal, "") for v in values]))
+        complete = False
+    unknown = ""
+    if rng.random() < 0.05:
+        index = int(rng.integers(len(quantities)))
+        name, unit, cells = columns[index]
+        unknown = "qx"
+        columns[index] = (name, unknown, cells)
+        complete = False
+    order = rng.permutation(len(columns))
+    columns = [columns[index] for index in order]
+    if rng.random() < 0.5:
+        numbers = [str(index + 1) for index in range(tests)]
+        columns.insert(
+            0, (str(rng.choice(["Test", "No.", "Nr", "m", "#1"])), "", numbers)
+        )
+    if rng.random() < 0.2:
+        columns.append(
+            (str(rng.choice(["Comment", "remark", "Bemerkung"])), "", [""] * tests)
+        )
+    missing = rng.random() < 0.2
+    if missing:
+        for _ in range(int(rng.integers(1, 3))):
+            cells = columns[rng.integers(len(columns))][2]
+            cells[rng.integers(tests)] = str(
+                rng.choice(["", "n/a", "NaN", "-9999", "---"])
+            )
+    lines = _lines(rng, columns, style)
+    text = "\n".join(
+        separator.join(_quoted(cell, separator) for cell in line) for line in lines
+    )
+    encoding = "utf-8"
+    if rng.random() < 0.3:
+        try:
+            text.encode("cp1252")
+            encoding = "cp1252"
+        except UnicodeEncodeError:
+            encoding = str(rng.choice(["utf-16", "gb18030"]))
+    features = {
+        "language": language,
+        "route": route,
+        "style": style,
+        "decimal": decimal,
+        "separator": separator,
+        "thousands": thousands,
+        "rival": rival,
+        "unknown": unknown,
+        "missing": missing,
+        "encoding": encoding,
+    }
+    return RandomTable(f"{text}\n", encoding, truth, rounding, complete, features)
+
+
+def _number(value: float, digits: int, decimal: str, thousands: str) -> str:
+    text = f"{value:,.{digits}f}" if thousands else f"{value:.{digits}f}"
+    return text.translate(str.maketrans({",": thousands, ".": decimal}))
+
+
+def _quoted(cell: str, separator: str) -> str:
+    if separator in cell:
+        return f'"{cell}"'
+    return cell
+
+
+def _lines(
+    rng: np.random.Generator, columns: list[tuple[str, str, list[str]]], style: str
+) -> list[list[str]]:
+    """Return title, header, row of units and rows."""
+    forms = {"[]": "{} [{}]", "()": "{} ({})", "/": "{} / {}", "_": "{}_{}"}
+    header = []
+    for name, unit, _ in columns:
+        header.append(
+            forms[style].format(name, unit) if style in forms and unit else name
+        )
+    lines = [header]
+    if style == "row":
+        lines.append([unit or "-" for _, unit, _ in columns])
+    lines += [
+        list(row) for row in zip(*(cells for _, _, cells in columns), strict=True)
+    ]
+    if rng.random() < 0.2:
+        title = ["Bench report 7"] + [""] * (len(columns) - 1)
+        lines.insert(0, title)
+    return lines
