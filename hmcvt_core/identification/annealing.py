@@ -34,7 +34,7 @@ PART_OF_WIDTH = 0.1
 
 _DOMAIN_WIDTH = 12.0
 """Width of the domain of a later round, in standard deviations of the ends before; chosen on random
-twins (`python -m studies.annealing`): with half of it some rounds contract beside the optimum."""
+twins (`python -m studies.annealing`): with half of it some rounds contract next to the optimum."""
 _COOLING_RANGE = 1e-4
 """Final by initial temperature of a later round, which begins as hot as its ends are uneven."""
 _COLDEST = 1e-300

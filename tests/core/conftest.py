@@ -33,14 +33,14 @@ def hm4():
 @pytest.fixture(scope="session")
 def fitted(table2):
     """The paper's split, power balance."""
-    return hmcvt.identify(table2.select(FIT), validation=table2.select(HELD_BACK))
+    return hmcvt.identify(table2.select(FIT), holdout=table2.select(HELD_BACK))
 
 
 @pytest.fixture(scope="session")
 def fitted_published(table2):
     """The paper's split, the paper's formulas."""
     return hmcvt.identify(
-        table2.select(FIT), validation=table2.select(HELD_BACK), formulation="published"
+        table2.select(FIT), holdout=table2.select(HELD_BACK), formulation="published"
     )
 
 

@@ -111,6 +111,12 @@ def test_what_is_wanted_is_said(call, message):
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_validation_is_the_former_name_of_holdout():
+    now = hmcvt.identify(SAMPLES.select(range(5)), holdout=SAMPLES.select([5, 6]))
+    before = hmcvt.identify(SAMPLES.select(range(5)), validation=SAMPLES.select([5, 6]))
+    assert now.prediction_error == before.prediction_error is not None
+
+
 def test_a_dataframe_gives_the_samples_and_back():
     again = hmcvt.BenchSamples.from_dataframe(FRAME)
     assert again.columns.keys() == SAMPLES.columns.keys()
