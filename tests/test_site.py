@@ -8,7 +8,7 @@ import pytest
 from cli.running import ROOT
 from diagnosis.html_browser import laid_out
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 PAGES = sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
 PARTS = 4  # a browser for each: all pages at once are too much for one
@@ -23,7 +23,7 @@ def site(tmp_path_factory):
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=250,
     )
     assert done.returncode == 0, done.stderr
     return folder
