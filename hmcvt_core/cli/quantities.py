@@ -27,7 +27,8 @@ def _reader(
     """
 
     def read(text: str | float) -> float:
-        stripped = str(text).strip()
+        # Blanks do not count in a number, and `1400 1/min` would read as 14001.
+        stripped = str(text).strip().replace(" 1/min", "/min")
         value, unit = parsed(stripped, comma="." not in stripped)
         unit_known = unit == "" or unit in units
         is_number = not math.isnan(value) or stripped.lower() == "nan"

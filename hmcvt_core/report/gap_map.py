@@ -239,7 +239,7 @@ def _draw_estimate(
     )
     bar.locator = _few_values()
     bar.update_ticks()
-    bar.set_label(f"estimated gap [{diagnosis.channel.unit}]")
+    bar.set_label(f"estimated gap [{diagnosis.channel.unit}]", labelpad=10.0)
 
 
 def _few_values() -> Any:

@@ -124,7 +124,7 @@ def test_identify(hmcvt, arguments, words):
             ("--load-torque-limits", "1 to 5000 N m"),
         ),
         (("map", "--power", "30kW"), ("--picture is needed",)),
-        (("map", "--picture", "map.gif"), ("map.gif", ".png, .svg, .html")),
+        (("map", "--picture", "map.gif"), ("map.gif", ".png, .svg, .pdf, .html")),
         (
             ("map", "--picture", "map.png", "--power", "lots"),
             ("'lots' is not a power",),
