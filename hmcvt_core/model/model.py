@@ -47,6 +47,14 @@ BEYOND_POLE = (
 SELF_LOCKING = (
     "the stage is self-locking: without load no turning output balances its losses"
 )
+HELD_OUTPUT = (
+    "friction holds the output at rest at this displacement ratio: it carries no load, and the "
+    "sense in which wheels would turn it is not determined"
+)
+HELD_PUMP = (
+    "in overrun the row brings the pump to rest, where its friction changes direction: the "
+    "model has no answer in this strip"
+)
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
 NO_OPTIMUM = (
     "formulation 'published' has no optimum: it has a pole, eq. (11), and "
@@ -319,8 +327,8 @@ class EfficiencyModel:
         if isinstance(solver, BalanceSolver):
             if solver.beyond_pole(np.array(displacement_ratio)).any():
                 return BEYOND_POLE
-            if solver.stage.layout == "output_coupled" and load_torque == 0.0:
-                return SELF_LOCKING
+            if solver.stage.layout == "output_coupled":
+                return _reason_on_row(solver, displacement_ratio, load_torque)
         return STALLED
 
     def breakdown(
@@ -541,6 +549,20 @@ class EfficiencyModel:
                 ]
             )
         )
+
+
+def _reason_on_row(
+    solver: BalanceSolver, displacement_ratio: float, load_torque: float
+) -> str:
+    """Say why an output-coupled stage has no answer at a point before the pole."""
+    # Where friction holds the output depends on the displacement ratio alone.
+    columns = np.array([[displacement_ratio], [1.0], [load_torque]], dtype=float)
+    resting = solver.resting(OperatingPoints(*columns))
+    if resting is not None:
+        return HELD_OUTPUT
+    if load_torque == 0.0:
+        return SELF_LOCKING
+    return HELD_PUMP if load_torque < 0.0 else STALLED
 
 
 def _plain(values: Any) -> Any:

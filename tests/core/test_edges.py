@@ -9,6 +9,8 @@ import pytest
 
 from hmcvt_core import EfficiencyModel, load_model
 
+from hmcvt_core.model.model import HELD_OUTPUT
+
 from .random_stages import LAYOUTS, random_parameters, random_stage
 from .reference import steady_states
 
@@ -60,11 +62,21 @@ def test_pump_turned_backward(file, point, loss, speed):
         assert model.output_speed(*point) == pytest.approx(speed, abs=0.005)
 
 
-def test_self_locking_stage_has_no_answer_without_load():
+@pytest.mark.parametrize("load_torque", [0.0, 20.0, -20.0])
+def test_self_locking_output_stands_without_load(load_torque):
     model = load_model(STAGES / "self_locking.yaml")
-    point = (-0.8104355767028117, 38.367672339665475, 0.0)
-    assert np.isnan(model.output_speed(*point))
-    assert np.isnan(model.output_speed(*column(*point)))
+    point = (-0.8104355767028117, 38.367672339665475, load_torque)
+    loss = model.power_loss(*point)
+    np.testing.assert_array_equal(model.power_loss(*column(*point)), [loss])
+    watts = sum(model.breakdown(*point).losses.values())
+    if load_torque == 0.0:
+        assert model.output_speed(*point) == pytest.approx(0.0, abs=1e-9)
+        assert loss == pytest.approx(100.3e3, abs=50.0)
+        assert watts == pytest.approx(loss, rel=1e-9)
+    else:
+        assert np.isnan(loss)
+        assert np.isnan(watts)
+        assert model.refusal(*point) == HELD_OUTPUT
 
 
 @pytest.mark.parametrize(
