@@ -53,26 +53,26 @@ def refused_by_choice(model, balance, solution, state, load_torque):
 
 def check(model, points):
     """Return the disagreements by kind, each of shape (n,)."""
-    stroke, engine_speed, load_torque = points
+    _, engine_speed, load_torque = points
     solution = model.solution_at(OperatingPoints(*points))
     scale = scale_of(load_torque, solution.engine_torque)
     single = []
     for point in zip(*(row.tolist() for row in points), strict=True):
         single.append(model._at_point(*point))
-    found = {}
+    disagreements = {}
     rows = np.transpose(single)
     same = (rows == np.array(solution)) | (
         np.isnan(rows) & np.isnan(np.array(solution))
     )
-    found["point and array"] = ~same.all(axis=0)
+    disagreements["point and array"] = ~same.all(axis=0)
     watts = model.breakdown(*points)
     lost = sum(watts.losses.values())
     loss = (solution.engine_torque - load_torque) * engine_speed
-    found["breakdown"] = differs(lost, loss, CLOSE_POWER * scale * engine_speed)
+    disagreements["breakdown"] = differs(lost, loss, CLOSE_POWER * scale * engine_speed)
     with_effect = replace(model, effects=(ChargePump(0.0),)).solution_at(
         OperatingPoints(*points)
     )
-    found["effects"] = differs(
+    disagreements["effects"] = differs(
         with_effect.engine_torque, solution.engine_torque, 1e-6 * scale
     )
     balance = Balance(model.stage, model.parameters, *points)
@@ -80,16 +80,17 @@ def check(model, points):
     skipped = (state.margin < CLOSE_LIMIT) | refused_by_choice(
         model, balance, solution, state, load_torque
     )
-    found["independent torque"] = ~skipped & differs(
+    disagreements["independent torque"] = ~skipped & differs(
         state.engine_torque, solution.engine_torque, CLOSE_POWER * scale * 1e2
     )
-    found["independent speed"] = ~skipped & differs(
+    disagreements["independent speed"] = ~skipped & differs(
         state.output_speed, solution.output_speed, 1e-6 * engine_speed
     )
-    return found, solution, state, skipped
+    return disagreements, solution, state, skipped
 
 
 def main(arguments=None):
+    """Check made-up stages; return 1 where any point disagrees."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--stages", type=int, default=2000)
     parser.add_argument("--points", type=int, default=500)
@@ -103,11 +104,11 @@ def main(arguments=None):
         model = made_up_model(rng, layout)
         points = edge_points(rng, options.points)
         with np.errstate(all="ignore"):
-            found, solution, state, skipped = check(model, points)
+            disagreements, solution, state, skipped = check(model, points)
         counts["points", layout] += options.points
         counts["answered", layout] += int(np.isfinite(solution.engine_torque).sum())
         counts["not compared", layout] += int(skipped.sum())
-        for kind, wrong in found.items():
+        for kind, wrong in disagreements.items():
             counts[kind, layout] += int(wrong.sum())
             if wrong.any() and counts[kind, layout, "shown"] < options.examples:
                 counts[kind, layout, "shown"] += 1
@@ -118,10 +119,12 @@ def main(arguments=None):
                     f"torque {solution.engine_torque[at]}; independent "
                     f"{state.output_speed[at]}, {state.engine_torque[at]}"
                 )
-    for kind in ("points", "answered", "not compared", *found):
+    for kind in ("points", "answered", "not compared", *disagreements):
         numbers = ", ".join(f"{layout} {counts[kind, layout]}" for layout in LAYOUTS)
         print(f"{kind}: {numbers}")
-    return int(any(counts[kind, layout] for kind in found for layout in LAYOUTS))
+    return int(
+        any(counts[kind, layout] for kind in disagreements for layout in LAYOUTS)
+    )
 
 
 if __name__ == "__main__":

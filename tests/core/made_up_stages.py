@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Made-up stages of every layout, and points at which edges of the physics are frequent."""
 
-import numpy as np
 
 from hmcvt_core import (
     EfficiencyModel,
