@@ -45,7 +45,7 @@ Two limits of the closed form, both output-coupled:
   narrow strip between them friction holds the pump at rest; the closed form has no answer there.
 
 The sense of the output is that of the torque that acts on it at standstill without load. Where this
-torque is zero or less in both senses, friction holds the output: it has an answer without load only.
+torque is zero or less in both senses, friction holds the output: only zero load has an answer.
 
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
