@@ -81,7 +81,7 @@ def check(model, points):
         model, balance, solution, state, load_torque
     )
     disagreements["independent torque"] = ~skipped & differs(
-        state.engine_torque, solution.engine_torque, CLOSE_POWER * scale * 1e2
+        state.engine_torque, solution.engine_torque, CLOSE_POWER * scale
     )
     disagreements["independent speed"] = ~skipped & differs(
         state.output_speed, solution.output_speed, 1e-6 * engine_speed

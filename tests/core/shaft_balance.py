@@ -19,7 +19,7 @@ import numpy as np
 
 _BISECTIONS = 110
 _NARROWINGS = 90
-_DOUBLINGS = 24
+_DOUBLINGS = 60
 _BESIDE_REST = 1e-9
 """Distance from a unit at rest, against the speed there, at which a slope is taken."""
 
@@ -189,7 +189,7 @@ class Balance:
         speed = self.crossing(
             lambda speed: self.shafts(speed).output_torque, -size, size
         )
-        speed = np.where(np.abs(speed) < 1e-12 * self.engine_speed, 0.0, speed)
+        speed = np.where(np.abs(speed) < 1e-20 * self.engine_speed, 0.0, speed)
         return np.where(is_wide, speed, np.nan)
 
     @staticmethod
