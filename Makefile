@@ -83,6 +83,10 @@ reproduce: $(VENV)/.dev
 soak: $(VENV)/.dev
 	$(BIN)/python -m studies.soak --out docs/soak.md
 
+# A million points of made-up stages against an independent solver.
+edges: $(VENV)/.dev
+	$(BIN)/python -m studies.edges
+
 bench: $(VENV)/.dev
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
 

@@ -15,7 +15,7 @@ from ..transmission.stage import Stage, speed_ratio
 from .effects.base import Effect, ShaftState
 from .regimes import FORWARD_PULL, Senses, sign
 from .shafts import PowerFlow, Shafts
-from .single_point import Point, PointSolver, point_solver, standing_band
+from .single_point import PointSolver, point_solver
 from .steady_state import SteadyState
 
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
@@ -25,6 +25,14 @@ BEYOND_POLE = (
 )
 SELF_LOCKING = (
     "the stage is self-locking: without load no turning output balances its losses"
+)
+HELD_OUTPUT = (
+    "friction holds the output at rest at this displacement ratio: it carries no load, and the "
+    "sense in which wheels would turn it is not determined"
+)
+HELD_PUMP = (
+    "in overrun the row brings the pump to rest, where its friction changes direction: the "
+    "model has no answer in this strip"
 )
 DRAGGED = "in overrun the wheels give less than the losses take, and the engine gives the rest"
 
@@ -52,8 +60,8 @@ class Breakdown:
 class BalanceSolver:
     """The steady state of a stage at points of shape (n,).
 
-    Without effects the state has a closed form, except where the row turns the pump backward; with
-    effects, each at its own place, it is found by iteration.
+    Without effects the state has a closed form; with effects, each where it acts, it is found by
+    iteration.
 
     Args:
         stage: of any layout.
@@ -75,17 +83,7 @@ class BalanceSolver:
         """What solves single points in a microsecond; None with effects."""
         if self._effects:
             return None
-        return point_solver(self.quadrant, self._general_at_point)
-
-    def _general_at_point(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
-    ) -> Point:
-        points = OperatingPoints(
-            *np.array([[displacement_ratio], [engine_speed], [load_torque]])
-        )
-        solution = self.solve(points)
-        efficiency, output_speed, engine_torque = (float(row[0]) for row in solution)
-        return efficiency, output_speed, engine_torque
+        return point_solver(self.quadrant)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:
@@ -93,44 +91,27 @@ class BalanceSolver:
         if self._effects:
             return self._iterated(points)
         senses = self.senses(points)
-        solution = self.quadrant(senses).solve(points, self._resting(points))
-        if self.stage.layout != "output_coupled":
-            return solution
-        return self._with_backward_pump(points, solution)
+        return self.quadrant(senses).solve(points, self.resting(points))
 
     def _iterated(self, points: OperatingPoints) -> Solution:
         efficiency, speed, _, torque = self.readings(points)
         return Solution(efficiency, speed, torque)
 
-    def _with_backward_pump(
-        self, points: OperatingPoints, solution: Solution
-    ) -> Solution:
-        """Solve anew where the row turns the pump backward: its signs are not the closed form's."""
-        engine_share, output_share = self.stage.pump_speed_ratios
-        pump_speed = (
-            engine_share * points.engine_speed + output_share * solution.output_speed
-        )
-        backward = pump_speed < 0.0
-        if (
-            not backward.any() or backward.ndim > 1
-        ):  # candidates are fitted to no overrun
-            return solution
-        iterated = self._iterated(points.map(lambda values: values[backward]))
-        renewed = [row.copy() for row in solution]
-        for row, values in zip(renewed, iterated, strict=True):
-            row[backward] = values
-        return Solution(*renewed)
-
-    def _resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
-        """Where friction holds the output without load: output-coupled, close to standstill."""
-        if self.stage.layout != "output_coupled" or points.load_torque.all():
+    def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
+        """Where friction holds the output: no sense has a torque at standstill; None: nowhere."""
+        if self.stage.layout != "output_coupled":
             return None
         if np.ndim(self._parameters.motor_damping) > 0:
             return None
-        lowest, highest = standing_band(self.quadrant)
-        stroke = points.displacement_ratio
-        inside = (lowest <= stroke) & (stroke <= highest) & ~self.beyond_pole(stroke)
-        return np.asarray(inside & (points.load_torque == 0.0))
+        stands = ~self._starts(1, points) & ~self._starts(-1, points)
+        stands = stands & ~self.beyond_pole(points.displacement_ratio)
+        return stands if stands.any() else None
+
+    def _starts(self, output_sense: int, points: OperatingPoints) -> NDArray[np.bool_]:
+        """Where an output at rest without load starts in a sense (output-coupled)."""
+        quadrant = self.quadrant(Senses(output_sense))
+        ratio = quadrant.flow_ratio * points.displacement_ratio
+        return np.asarray(quadrant.starts(ratio))
 
     def beyond_pole(self, displacement_ratio: Array) -> NDArray[np.bool_]:
         """Return whether displacement ratios lie at or beyond the pole of eq. (5), shape (n,).
@@ -149,9 +130,19 @@ class BalanceSolver:
             return DRAGGED
         if self.beyond_pole(np.asarray(displacement_ratio)).any():
             return BEYOND_POLE
-        if self.stage.layout == "output_coupled" and load_torque == 0.0:
-            return SELF_LOCKING
+        if self.stage.layout == "output_coupled":
+            return self._refusal_on_row(displacement_ratio, load_torque)
         return STALLED
+
+    def _refusal_on_row(self, displacement_ratio: float, load_torque: float) -> str:
+        """Return why an output-coupled stage has no answer at a point before the pole."""
+        # Where friction holds the output depends on the displacement ratio alone.
+        columns = np.array([[displacement_ratio], [1.0], [load_torque]], dtype=float)
+        if self.resting(OperatingPoints(*columns)) is not None:
+            return HELD_OUTPUT
+        if load_torque == 0.0:
+            return SELF_LOCKING
+        return HELD_PUMP if load_torque < 0.0 else STALLED
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def readings(
@@ -188,7 +179,7 @@ class BalanceSolver:
             self._effects,
             points,
             senses or self.senses(points),
-            self._resting(points),
+            self.resting(points),
         )
         return shafts, shafts.power_flow()
 
@@ -319,6 +310,8 @@ class BalanceSolver:
         stroke = points.displacement_ratio
         if np.ndim(self._parameters.motor_damping) > 0:
             forward = speed_ratio(self.stage, stroke) > 0.0
+        elif self.stage.layout == "output_coupled":
+            forward = self._starts(1, points)
         else:
             first = self.quadrant(FORWARD_PULL)
             forward = (stroke - first.standing_ratio) * first.flow_ratio > 0.0

@@ -40,8 +40,12 @@ Two limits of the closed form, both output-coupled:
 
 * Pole. At h c e = 1 the flow that the motor takes equals the flow that the row feeds back to the
   pump, and eq. (5) has a pole. Beyond it no speed follows from the flow: there is no answer.
-* Pump turned backward. In fast overrun the row turns the pump backward (z < 0), and the signs of
-  pump friction, pump damping and pump gears change. `shafts` solves these points.
+* Pump turned backward. In fast overrun the row turns the pump backward (z < 0). Its friction and
+  the direction of power in its gears change sign with it, so these are regimes of their own. In a
+  narrow strip between them friction holds the pump at rest; the closed form has no answer there.
+
+The sense of the output is that of the torque that acts on it at standstill without load. Where this
+torque is zero or less in both senses, friction holds the output: only zero load has an answer.
 
 Reading of eq. (15): as printed, pump friction c_fp would *help* the engine; here it takes torque.
 """
@@ -69,14 +73,22 @@ class Regime(IntEnum):
     """The damping of the motor reverses the pressure."""
     MOTORED = 3
     """The pump drives, too; only a pump on the row can."""
+    BACKWARD = 4
+    """The row turns the pump backward against its torque: the pump takes power."""
+    BACKWARD_MOTORED = 5
+    """The row turns the pump backward along its torque: the pump gives power."""
+
+
+BACKWARD_REGIMES = (Regime.BACKWARD, Regime.BACKWARD_MOTORED)
 
 
 class Signs(NamedTuple):
-    """Signs of the power of the motor, of the pressure and of the torque of the pump."""
+    """Signs of the power of the motor, of the pressure, and of torque and speed of the pump."""
 
     motor: int
     pressure: int
     pump: int
+    turning: int = 1
 
 
 SIGNS = {
@@ -84,6 +96,8 @@ SIGNS = {
     Regime.DRIVEN: Signs(motor=-1, pressure=1, pump=1),
     Regime.REVERSED: Signs(motor=-1, pressure=-1, pump=1),
     Regime.MOTORED: Signs(motor=-1, pressure=-1, pump=-1),
+    Regime.BACKWARD: Signs(motor=-1, pressure=-1, pump=-1, turning=-1),
+    Regime.BACKWARD_MOTORED: Signs(motor=-1, pressure=-1, pump=1, turning=-1),
 }
 
 
@@ -152,6 +166,7 @@ class Quadrant:
         pump_friction: c_fp [-].
         pump_damping: f_p [N m s/rad].
         pump_gears: mean and half the difference of gamma for a driven and for a driving pump [-].
+        backward_gears: the same for a pump that turns backward.
         stall_load: L above which a motor that comes to rest goes on to stall, because a slower
             output asks for more leakage than there is flow [N m s/rad].
     """
@@ -180,7 +195,7 @@ class Quadrant:
         # What the gears of the output path pass on to the load.
         self._output_gears = passed(stage.output.efficiency, senses.power)
         self.mechanical_load: Any = self._mechanical_load(stage)
-        self.pump_gears = self._pump_gears(stage)
+        self.pump_gears, self.backward_gears = self._pump_gears(stage)
         self.regimes = [
             self._regime(stage, parameters, regime)
             for regime in Regime
@@ -201,16 +216,20 @@ class Quadrant:
         gears = passed(stage.mechanical.efficiency, sign(m >= 0.0))
         return m / (self._output_gears * gears)
 
-    def _pump_gears(self, stage: Stage) -> tuple[float, float]:
-        """Mean and half the difference of gamma for a driven and for a driving pump."""
-        efficiency = stage.pump.efficiency
-        if self.pump_on_row:
-            efficiency *= stage.mechanical.efficiency
+    def _pump_gears(
+        self, stage: Stage
+    ) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Mean and half the difference of gamma for either sign of P, z > 0 and z < 0."""
+        pump = stage.pump.efficiency
+        mechanical = stage.mechanical.efficiency if self.pump_on_row else 1.0
         engine_share = self.pump_ratios[0]
-        driven, driving = 1.0 / efficiency, efficiency
-        mean = 0.5 * engine_share * (driven + driving)
-        half = 0.5 * engine_share * (driven - driving)
-        return mean, half
+        # The engine gives torque while P > 0; the pump takes power while P z > 0.
+        forward = _mean_and_half(1.0 / (pump * mechanical), pump * mechanical)
+        backward = _mean_and_half(pump / mechanical, mechanical / pump)
+        return (
+            (engine_share * forward[0], engine_share * forward[1]),
+            (engine_share * backward[0], engine_share * backward[1]),
+        )
 
     def _regime(
         self, stage: Stage, parameters: Parameters, regime: Regime
@@ -224,7 +243,8 @@ class Quadrant:
             # The row drives the output while the pump brakes the row, and drives it on while the
             # pump is driven by it.
             output_gears = passed(stage.output.efficiency, signs.pump * sign(c < 0.0))
-            brace = -c * stage.pump.efficiency**-signs.pump * output_gears
+            pump_gears = stage.pump.efficiency ** -(signs.pump * signs.turning)
+            brace = -c * pump_gears * output_gears
             friction = units.motor_friction * signs.pressure
         else:
             gear = gear * self._output_gears
@@ -238,7 +258,7 @@ class Quadrant:
             motor_drag=drag,
             brace=brace,
             brace_drag=brace_drag,
-            pump=1.0 + units.pump_friction * signs.pressure,
+            pump=1.0 + units.pump_friction * signs.pressure * signs.turning,
             square=(stiff + drag) / h - brace_drag * c,
             level=0.5 * level,
             flow=0.5 * stiff * a,
@@ -273,10 +293,24 @@ class Quadrant:
         """Whether e lies at or beyond the pole of eq. (5), where no speed follows from the flow."""
         return self.hydraulic_ratio * self.pump_ratios[1] * ratio >= 1.0
 
+    def starts(self, ratio: Any) -> Any:
+        """Whether the torque on an output at rest without load acts in the sense of the quadrant.
+
+        At rest the pressure has the sign of e, the pump turns forward and takes torque.
+        """
+        ahead = self._level_and_square(self.regimes[Regime.DRIVING], ratio)[0] > 0.0
+        back = self._level_and_square(self.regimes[Regime.REVERSED], ratio)[0] > 0.0
+        return ((ratio > 0.0) & ahead) | ((ratio <= 0.0) & back)
+
     def quadratic(
         self, regime: RegimeConstants, ratio: Any, load: Any
     ) -> tuple[Any, Any, Any]:
         """Return B / 2A, L / A and A in one regime, for e and L."""
+        level, square = self._level_and_square(regime, ratio)
+        return level / square, load / square, square
+
+    def _level_and_square(self, regime: RegimeConstants, ratio: Any) -> tuple[Any, Any]:
+        """Return B / 2 and A in one regime, for e."""
         square = regime.square
         level = regime.level + regime.flow * ratio
         if self.pump_on_row:
@@ -286,7 +320,7 @@ class Quadrant:
             level = level + 0.5 * brace * a * ratio
             fed_back = (self.stiffness * regime.motor + brace) * c * ratio
             square = square + brace / self.hydraulic_ratio - fed_back
-        return level / square, load / square, square
+        return level, square
 
     def pump_speed(self, output: Any) -> Any:
         """Return z for y, eq. (4)."""
@@ -301,10 +335,12 @@ class Quadrant:
         motor = (output - self.mechanical_ratio) / self.hydraulic_ratio
         return self.stiffness * (ratio * self.pump_speed(output) - motor)
 
-    def pump_torque(self, ratio: Any, output: Any, pressure: Any) -> Any:
-        """Return P of a pump that turns forward, eq. (15)."""
+    def pump_torque(
+        self, ratio: Any, output: Any, pressure: Any, turning: Any = 1
+    ) -> Any:
+        """Return P, eq. (15), of a pump that turns forward (1) or backward (-1)."""
         ideal = ratio * pressure
-        friction = self.pump_friction * abs(ideal)
+        friction = turning * (self.pump_friction * abs(ideal))
         return ideal + friction + self.pump_damping * self.pump_speed(output)
 
     def drives(self, pressure: Any, output: Any) -> Any:
@@ -315,9 +351,21 @@ class Quadrant:
 
     def engine_torque(self, ratio: Any, output: Any, load: Any) -> Any:
         """Return the torque of the engine per engine speed [N m s/rad]."""
-        pump = self.pump_torque(ratio, output, self.pressure(ratio, output))
+        pressure = self.pressure(ratio, output)
+        pump = self.pump_torque(ratio, output, pressure)
         mean, half = self.pump_gears
-        return self.mechanical_load * load / output + mean * pump + half * abs(pump)
+        torque = self.mechanical_load * load / output + mean * pump + half * abs(pump)
+        backward = self.pump_speed(output) < 0.0
+        if not np.any(backward):
+            return torque
+        pump = self.pump_torque(ratio, output, pressure, -1)
+        mean, half = self.backward_gears
+        return np.where(backward, mean * pump + half * abs(pump), torque)
+
+
+def _mean_and_half(first: float, second: float) -> tuple[float, float]:
+    """Return the mean of two numbers and half their difference."""
+    return 0.5 * (first + second), 0.5 * (first - second)
 
 
 def sign(holds: Any) -> Any:

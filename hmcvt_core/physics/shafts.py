@@ -86,7 +86,7 @@ class Shafts(SteadyState):
         effects: what acts besides.
         points: of shape (n,).
         senses: of output and power.
-        resting: where friction holds an output without load, shape (n,); None for nowhere.
+        resting: where friction holds the output, shape (n,); None for nowhere.
     """
 
     def __init__(
@@ -185,19 +185,13 @@ class Shafts(SteadyState):
         if self.effects:
             speed, pressure = self._settled(first, np.sign(first))
         else:
-            # The closed form is the answer unless the row turns the pump backward.
-            speed, pressure = first, self.pressure(ratio, output) * pressure_unit
-            backward = self.pump_speed(output) < 0.0
-            if backward.any():
-                iterated = self._settled(
-                    np.where(backward, first, np.nan), np.sign(first)
-                )
-                speed = np.where(backward, iterated[0], speed)
-                pressure = np.where(backward, iterated[1], pressure)
+            speed = first
+            pressure = self.pressure(ratio, output) * pressure_unit
         if self.resting is not None:
             # The whole flow of the pump leaks while friction holds the output.
             leaking = self.pressure(ratio, 0.0) * pressure_unit
-            speed = np.where(self.resting, 0.0, speed)
+            standing = np.where(self.idle, 0.0, np.nan)
+            speed = np.where(self.resting, standing, speed)
             pressure = np.where(self.resting, leaking, pressure)
         return speed, np.sign(speed), pressure
 
@@ -378,6 +372,7 @@ class Shafts(SteadyState):
         torques["motor"] = motor
         answer = self._motor_pressure(motor[-1] + drag * direction, speed, direction)
         if self.resting is not None:
+            # Friction takes the torque of a motor at rest, whatever its pressure.
             answer = np.where(self.resting, pressure, answer)
         # What pump and motor share answers the pressure assumed: a step of Newton.
         pressure = pressure + (answer - pressure) / (1.0 - self._row_share(stroke))

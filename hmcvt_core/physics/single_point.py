@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .regimes import FORWARD_PULL, Quadrant, Regime, Senses
-from .steady_state import STANDING
+from .regimes import BACKWARD_REGIMES, FORWARD_PULL, SIGNS, Quadrant, Regime, Senses
+from .steady_state import ROUNDING, STANDING
 
 Point = tuple[float, float, float]
 """Efficiency [-], output speed [rad/s] and engine torque [N m]."""
@@ -36,16 +36,15 @@ class _RowConstants(NamedTuple):
 
 
 def point_solver(
-    quadrant: Callable[[Senses], Quadrant], general: PointSolver
+    quadrant: Callable[[Senses], Quadrant],
 ) -> PointSolver:
     """Return what solves one point in range; NaN where no load is carried.
 
     Args:
         quadrant: gives the constants of a quadrant.
-        general: solves a point at which the row turns the pump backward.
     """
     if quadrant(FORWARD_PULL).pump_on_row:
-        return _pump_on_row(quadrant, general)
+        return _pump_on_row(quadrant)
     return _pump_at_engine(quadrant)
 
 
@@ -143,22 +142,21 @@ def _pump_at_engine(quadrant: Callable[[Senses], Quadrant]) -> PointSolver:
     return solve
 
 
-def _pump_on_row(
-    quadrant: Callable[[Senses], Quadrant], general: PointSolver
-) -> PointSolver:
+def _pump_on_row(quadrant: Callable[[Senses], Quadrant]) -> PointSolver:
     """Output-coupled stages."""
     first = quadrant(FORWARD_PULL)
     a, h, stiffness = first.pump_ratios[0], first.hydraulic_ratio, first.stiffness
     friction, damping = first.pump_friction, first.pump_damping
     mean, half = first.pump_gears
-    standing, forward, sqrt = first.standing_ratio, first.flow_ratio, math.sqrt
-    lowest, highest = standing_band(quadrant)
+    backward_mean, backward_half = first.backward_gears
+    sqrt = math.sqrt
     # Comparing members of an enumeration would take longer than the equations.
     driving, driven, is_reversed = map(int, list(Regime)[:3])
+    turning_forward = range(int(Regime.BACKWARD))
 
     def constants(output: int) -> tuple[float, float, float, list[_RowConstants]]:
         chosen = quadrant(Senses(output))
-        regimes = [
+        every_regime = [
             _RowConstants(
                 each.square,
                 each.level,
@@ -172,23 +170,68 @@ def _pump_on_row(
             for each in chosen.regimes
         ]
         flow_ratio, reflection = float(chosen.flow_ratio), float(chosen.reflection)
-        return flow_ratio, chosen.pump_ratios[1], reflection, regimes
+        return flow_ratio, chosen.pump_ratios[1], reflection, every_regime
 
     ahead, back = constants(1), constants(-1)
+
+    def starts(ratio: float, every_regime: list[_RowConstants]) -> bool:
+        constant = every_regime[driving if ratio > 0.0 else is_reversed]
+        held = constant.brace_stiffness * (ratio + constant.friction * abs(ratio))
+        level = constant.level + constant.flow * ratio
+        return level + 0.5 * held * a * ratio > 0.0
+
+    def backward_point(
+        chosen: tuple[float, float, float, list[_RowConstants]],
+        ratio: float,
+        load_torque: float,
+        engine_speed: float,
+    ) -> Point:
+        _, c, reflection, every_regime = chosen
+        load = load_torque / engine_speed
+        for regime in BACKWARD_REGIMES:
+            square, level, flow, _, _, stiff, brace, rubbing = every_regime[regime]
+            held = brace * (ratio + rubbing * abs(ratio))
+            square = square + held / h - (stiff + held) * c * ratio
+            middle = (level + flow * ratio + 0.5 * held * a * ratio) / square
+            inside = middle * middle - load / square
+            if not inside >= 0.0 or square <= 0.0:
+                continue
+            output = middle + sqrt(inside) if load else 2.0 * middle
+            pump_speed = a + c * output
+            pressure = stiffness * (ratio * pump_speed - output / h)
+            ideal = ratio * pressure
+            pump = ideal - friction * abs(ideal) + damping * pump_speed
+            if pump * SIGNS[regime].pump < 0.0 or pressure > 0.0:
+                continue
+            if not pump_speed < 0.0:
+                continue
+            torque = backward_mean * pump + backward_half * abs(pump)
+            torque *= engine_speed
+            efficiency = _efficiency(load_torque, torque)
+            return efficiency, reflection * engine_speed * output, torque
+        return NO_ANSWER
 
     def solve(
         displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> Point:
-        is_forward = (displacement_ratio - standing) * forward > 0.0
-        flow_ratio, c, reflection, regimes = ahead if is_forward else back
-        ratio, load = flow_ratio * displacement_ratio, load_torque / engine_speed
-        if h * c * ratio >= 1.0:
+        chosen = ahead
+        flow_ratio, c, reflection, every_regime = ahead
+        ratio = flow_ratio * displacement_ratio
+        stands = False
+        if not starts(ratio, every_regime):
+            chosen = back
+            flow_ratio, c, reflection, every_regime = back
+            ratio = flow_ratio * displacement_ratio
+            stands = not starts(ratio, every_regime)
+        load = load_torque / engine_speed
+        if h * c * ratio >= 1.0 or (stands and load):
             return NO_ANSWER
-        if not load and lowest <= displacement_ratio <= highest:
+        if stands:
             output = STANDING
         else:
             output = math.nan
-            for regime, constant in enumerate(regimes):
+            for regime in turning_forward:
+                constant = every_regime[regime]
                 square, level, flow, motor, drag, stiff, brace, rubbing = constant
                 held = brace * (ratio + rubbing * abs(ratio))
                 square = square + held / h - (stiff + held) * c * ratio
@@ -198,26 +241,33 @@ def _pump_on_row(
                     if regime == driving:
                         return NO_ANSWER
                     continue
-                output = middle + sqrt(inside) if load else 2.0 * middle
-                pressure = stiffness * (ratio * (a + c * output) - output / h)
+                speed = middle + sqrt(inside) if load else 2.0 * middle
+                pressure = stiffness * (ratio * (a + c * speed) - speed / h)
                 if regime == driving:
-                    if motor * pressure > drag * output / h:
+                    if motor * pressure > drag * speed / h:
+                        output = speed
                         break
                 elif regime == driven:
                     if pressure >= 0.0:
+                        output = speed
                         break
-                elif regime == is_reversed:
+                else:
                     ideal = ratio * pressure
-                    pump = ideal + friction * abs(ideal) + damping * (a + c * output)
-                    if pump >= 0.0:
-                        break
+                    pump = ideal + friction * abs(ideal) + damping * (a + c * speed)
+                    bound = ROUNDING * stiffness * speed
+                    if regime == is_reversed:
+                        if pump >= 0.0:
+                            output = speed if pressure <= bound else math.nan
+                            break
+                    elif pressure <= bound and pump <= bound:
+                        output = speed
             if not load and output == 0.0:
                 output = STANDING
             if not output > 0.0:
                 return NO_ANSWER
         pump_speed = a + c * output
         if pump_speed < 0.0:
-            return general(displacement_ratio, engine_speed, load_torque)
+            return backward_point(chosen, ratio, load_torque, engine_speed)
         ideal = ratio * (stiffness * (ratio * pump_speed - output / h))
         torque = ideal + friction * abs(ideal) + damping * pump_speed
         torque = (mean * torque + half * abs(torque)) * engine_speed
@@ -225,13 +275,6 @@ def _pump_on_row(
         return efficiency, reflection * engine_speed * output, torque
 
     return solve
-
-
-def standing_band(quadrant: Callable[[Senses], Quadrant]) -> tuple[float, float]:
-    """Return the displacement ratios between which friction holds an output without load."""
-    ahead = float(quadrant(Senses(1)).standing_ratio)
-    back = float(quadrant(Senses(-1)).standing_ratio)
-    return min(ahead, back), max(ahead, back)
 
 
 def _efficiency(load_torque: float, engine_torque: float) -> float:

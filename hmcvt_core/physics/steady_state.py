@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..transmission.ranges import Array, OperatingPoints, Solution
-from .regimes import Quadrant, Regime
+from .regimes import BACKWARD_REGIMES, SIGNS, Quadrant, Regime
 
 STANDING = math.ulp(0.0)
 """y of an output at rest without load: the smallest number, so that no torque is 0 / 0."""
+
+ROUNDING = 1e-9
+"""Torque of the wrong sign, against K y, that is rounding where two regimes meet."""
 
 _DRIVEN_REGIMES = (Regime.DRIVEN, Regime.REVERSED, Regime.MOTORED)
 
@@ -33,13 +36,15 @@ class SteadyState(Quadrant):
 
         Args:
             points: with displacement ratio, engine speed and load torque.
-            resting: where friction holds an output without load, shape (n,); None for nowhere.
+            resting: where friction holds the output, shape (n,); None for nowhere.
         """
         engine_speed, load_torque = points.engine_speed, points.load_torque
         ratio = self.flow_ratio * points.displacement_ratio
         load = load_torque / engine_speed
         output = self.output(ratio, load)
         has_sense = output * self.sense > 0.0
+        if resting is not None:
+            has_sense = has_sense & ~resting
         if not load.all():
             if resting is not None:
                 output = np.where(resting, STANDING, output)
@@ -56,9 +61,40 @@ class SteadyState(Quadrant):
             return self.selected(driving, driven, self.mechanical_ratio, load)
         drives = self.drives(self.pressure(ratio, driving), driving)
         output = np.where(drives | np.isnan(driving), driving, driven)
-        # An output that turns the other way without load is no steady state.
-        turned_back = (load == 0.0) & (output < 0.0)
-        return np.where(self.beyond_pole(ratio) | turned_back, np.nan, output)
+        backward = self.pump_speed(output) < 0.0
+        if backward.any():
+            output = np.where(backward, self._backward_output(ratio, load), output)
+        return np.where(self.beyond_pole(ratio), np.nan, output)
+
+    def _reversed_output(self, ratio: Array, load: Array, output: Array) -> Array:
+        """Return y at reversed pressure with the pump on the row; NaN where the signs differ.
+
+        Args:
+            ratio: e.
+            load: L.
+            output: y while the pump takes torque.
+        """
+        pump = self.pump_torque(ratio, output, self.pressure(ratio, output))
+        is_motored = ~(pump >= 0.0)
+        motored = self._root(Regime.MOTORED, ratio, load)
+        output = np.where(is_motored, motored, output)
+        pressure = self.pressure(ratio, output)
+        pump = self.pump_torque(ratio, output, pressure)
+        bound = ROUNDING * self.stiffness * output
+        is_wrong = (pressure > bound) | (is_motored & (pump > bound))
+        return np.where(is_wrong, np.nan, output)
+
+    def _backward_output(self, ratio: Array, load: Array) -> Array:
+        """Return y with the pump turned backward; NaN where it does not turn so."""
+        output = np.asarray(np.nan)
+        for regime in reversed(BACKWARD_REGIMES):
+            candidate = self._root(regime, ratio, load)
+            pressure = self.pressure(ratio, candidate)
+            pump = self.pump_torque(ratio, candidate, pressure, -1)
+            is_consistent = (pump * SIGNS[regime].pump >= 0.0) & (pressure <= 0.0)
+            is_backward = self.pump_speed(candidate) < 0.0
+            output = np.where(is_consistent & is_backward, candidate, output)
+        return output
 
     def output_speeds(self, ratio: Array, load: Array) -> tuple[Array, Array]:
         """Return y while the motor drives, and while it is driven, valid or not."""
@@ -68,9 +104,7 @@ class SteadyState(Quadrant):
         if is_reversed.any():
             slower = self._root(Regime.REVERSED, ratio, load)
             if self.pump_on_row:
-                pump = self.pump_torque(ratio, slower, self.pressure(ratio, slower))
-                motored = self._root(Regime.MOTORED, ratio, load)
-                slower = np.where(~(pump >= 0.0), motored, slower)
+                slower = self._reversed_output(ratio, load, slower)
             driven = np.where(is_reversed, slower, driven)
         return driving, driven
 
@@ -125,7 +159,8 @@ class SteadyState(Quadrant):
         else:
             is_driven = ~(motor > _MOTOR_AT_REST)
         is_lower = is_driven
-        for regime in _DRIVEN_REGIMES[: len(self.regimes) - 1]:
+        lower_regimes = _DRIVEN_REGIMES if self.pump_on_row else _DRIVEN_REGIMES[:2]
+        for regime in lower_regimes:
             if not is_lower.any():
                 break
             lower = self._held_in(regime, output, load)

@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hmcvt_core import EfficiencyModel, load_model
+from hmcvt_core import load_model
+from hmcvt_core.model.model import HELD_OUTPUT
+from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_core.transmission.stage import LAYOUTS
 
-from .random_stages import LAYOUTS, random_parameters, random_stage
+from .made_up_stages import edge_points, made_up_model
 from .reference import steady_states
+from .shaft_balance import Balance
 
 STAGES = Path(__file__).parents[1] / "data" / "stages"
 
@@ -60,11 +64,21 @@ def test_pump_turned_backward(file, point, loss, speed):
         assert model.output_speed(*point) == pytest.approx(speed, abs=0.005)
 
 
-def test_self_locking_stage_has_no_answer_without_load():
+@pytest.mark.parametrize("load_torque", [0.0, 20.0, -20.0])
+def test_self_locking_output_stands_without_load(load_torque):
     model = load_model(STAGES / "self_locking.yaml")
-    point = (-0.8104355767028117, 38.367672339665475, 0.0)
-    assert np.isnan(model.output_speed(*point))
-    assert np.isnan(model.output_speed(*column(*point)))
+    point = (-0.8104355767028117, 38.367672339665475, load_torque)
+    loss = model.power_loss(*point)
+    np.testing.assert_array_equal(model.power_loss(*column(*point)), [loss])
+    watts = sum(model.breakdown(*point).losses.values())
+    if load_torque == 0.0:
+        assert model.output_speed(*point) == pytest.approx(0.0, abs=1e-9)
+        assert loss == pytest.approx(100.3e3, abs=50.0)
+        assert watts == pytest.approx(loss, rel=1e-9)
+    else:
+        assert np.isnan(loss)
+        assert np.isnan(watts)
+        assert model.refusal(*point) == HELD_OUTPUT
 
 
 @pytest.mark.parametrize(
@@ -94,7 +108,7 @@ def test_paths_agree_on_random_stages(layout):
     rng = np.random.default_rng(LAYOUTS.index(layout))
     answered = 0
     for _ in range(40):
-        model = EfficiencyModel(random_stage(rng, layout), random_parameters(rng))
+        model = made_up_model(rng, layout)
         points = random_points(rng, 60)
         loss, speed = model.power_loss(*points), model.output_speed(*points)
         single = np.transpose(
@@ -121,7 +135,7 @@ def test_random_stages_agree_with_an_independent_solver(layout):
     rng = np.random.default_rng(10 + LAYOUTS.index(layout))
     compared = 0
     for _ in range(12):
-        model = EfficiencyModel(random_stage(rng, layout), random_parameters(rng))
+        model = made_up_model(rng, layout)
         for point in zip(*(row.tolist() for row in random_points(rng, 4)), strict=True):
             speed = model.output_speed(*point)
             if not abs(speed) > 0.02 * point[1]:
@@ -138,6 +152,42 @@ def test_random_stages_agree_with_an_independent_solver(layout):
             loss = nearest.engine_torque * point[1] - point[2] * point[1]
             assert model.power_loss(*point) == pytest.approx(loss, rel=1e-5, abs=0.1)
     assert compared >= 20
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_made_up_stages_agree_with_a_shaft_balance(layout):
+    """Pull, overrun, no load and neutral; `studies/edges.py` is the long run."""
+    rng = np.random.default_rng(20 + LAYOUTS.index(layout))
+    compared = 0
+    for _ in range(8):
+        model = made_up_model(rng, layout)
+        points = edge_points(rng, 200)
+        with np.errstate(all="ignore"):
+            balance = Balance(model.stage, model.parameters, *points)
+            state = balance.solve()
+        solution = model.solution_at(OperatingPoints(*points))
+        # A unit that friction holds on the row is refused in part; see docs/theory.md.
+        is_refused = np.isnan(solution.engine_torque)
+        if layout == "output_coupled":
+            is_refused &= balance.pump_rests(state.output_speed)
+        else:
+            rest = balance.resting_speed()
+            is_refused &= np.abs(state.output_speed) <= np.abs(rest) * (1.0 + 1e-9)
+        clear = ~is_refused & ~(state.margin < 1e-6)
+        np.testing.assert_allclose(
+            solution.engine_torque[clear],
+            state.engine_torque[clear],
+            rtol=1e-7,
+            atol=1e-7,
+        )
+        np.testing.assert_allclose(
+            solution.output_speed[clear],
+            state.output_speed[clear],
+            rtol=1e-6,
+            atol=1e-6,
+        )
+        compared += np.isfinite(solution.engine_torque[clear]).sum()
+    assert compared > 800
 
 
 def random_points(rng, count):

@@ -105,7 +105,16 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
 _GERMANIC_KINDS = frozenset(
-    ["drehzahl", "drehmoment", "moment", "leistung", "par", "velocidad", "regimen", "potencia"]
+    [
+        "drehzahl",
+        "drehmoment",
+        "moment",
+        "leistung",
+        "par",
+        "velocidad",
+        "regimen",
+        "potencia",
+    ]
 )
 """Beside these words `motor` is German or Spanish and means the engine."""
 
@@ -459,7 +468,24 @@ _UNIT_BENCH = (
 """Quantities of the bench of one pump or motor that a further word tells apart."""
 _UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
 _UNIT_BENCH_WORDS = frozenset(
-    ["pump", "pumpe", "motor", "unit", "shaft", "delivered", "discharge", "effective", "actual", "measured", "differential", "difference", "delta", "d", "stroke", "output"]
+    [
+        "pump",
+        "pumpe",
+        "motor",
+        "unit",
+        "shaft",
+        "delivered",
+        "discharge",
+        "effective",
+        "actual",
+        "measured",
+        "differential",
+        "difference",
+        "delta",
+        "d",
+        "stroke",
+        "output",
+    ]
 )
 
 

@@ -24,7 +24,20 @@ DATE_ORDERS = ("dmy", "mdy", "ymd")
 _MONTHS = {
     name: number
     for number, names in enumerate(
-        ["jan januar", "feb februar", "mar maerz mrz mars", "apr april avr", "may mai", "jun juni juin", "jul juli juil", "aug august aout", "sep sept september", "oct okt oktober", "nov november", "dec dez dezember"],
+        [
+            "jan januar",
+            "feb februar",
+            "mar maerz mrz mars",
+            "apr april avr",
+            "may mai",
+            "jun juni juin",
+            "jul juli juil",
+            "aug august aout",
+            "sep sept september",
+            "oct okt oktober",
+            "nov november",
+            "dec dez dezember",
+        ],
         1,
     )
     for name in names.split()
