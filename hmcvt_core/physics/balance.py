@@ -103,9 +103,14 @@ class BalanceSolver:
             return None
         if np.ndim(self._parameters.motor_damping) > 0:
             return None
-        stands = ~self._starts(1, points) & ~self._starts(-1, points)
-        stands = stands & ~self.beyond_pole(points.displacement_ratio)
-        return stands if stands.any() else None
+        stands = ~self._starts(1, points)
+        # Most points that do not start forward start backward: look at these alone.
+        still = points.map(lambda values: values[stands])
+        at_rest = ~self._starts(-1, still) & ~self.beyond_pole(still.displacement_ratio)
+        if not at_rest.any():
+            return None
+        stands[stands] = at_rest
+        return stands
 
     def _starts(self, output_sense: int, points: OperatingPoints) -> NDArray[np.bool_]:
         """Where an output at rest without load starts in a sense (output-coupled)."""
