@@ -2,7 +2,7 @@
 """`hmcvt import`, and `hmcvt import-csv`, its older name."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ _TEXTS = {
 }
 
 
-def _quantity_options() -> Any:
+def _quantity_options() -> Callable[[common.Function], common.Function]:
     """Return one option for each quantity."""
     made = []
     for quantity in (*UNITS, "stage"):

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from ...transmission.ranges import Array
 from .units import unit_of
 
-SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0, 65535.0, 65534.0)
-SENTINELS += (32767.0, -32768.0, 8191.875, 1e30, -1e30)
+SENTINELS: tuple[float, ...] = (
+    *(-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0),
+    *(65535.0, 65534.0, 32767.0, -32768.0, 8191.875, 1e30, -1e30),
+)
 """Numbers that loggers write for "no value"."""
 _NOT_AVAILABLE = re.compile(
     r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*|-+|\.+|\?+|",
@@ -189,15 +191,17 @@ def not_available(cell: str) -> bool:
     """Return whether a cell says that no value is available, or is empty."""
     if _NOT_AVAILABLE.fullmatch(cell.strip()):
         return True
-    value = parsed(cell, False)[0]
-    return bool(np.isin(value, SENTINELS))
+    try:
+        return float(cell) in SENTINELS
+    except ValueError:
+        return False
 
 
 def no_number(name: str, cell: str) -> str:
     """Say what is wrong with a cell of a column that holds no number."""
     if not cell:
         return f"{name} is empty"
-    if np.isin(parsed(cell, False)[0], SENTINELS):
+    if parsed(cell, False)[0] in SENTINELS:
         return f"{name} {cell!r} is a code for no value"
     cure = ""
     if re.search(r"\d[.,]\d", cell):

@@ -173,7 +173,8 @@ def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
     meaning = meaning_of(name, table.units.get(name, ""))
     unit = meaning.unit
     if quantity == "stamp":
-        return unit.name if unit is not None and unit.kind == "time" else ""
+        known = unit is not None and unit.kind == "time"
+        return unit.name if known and unit is not None else ""
     if meaning.problem.startswith("the header says"):
         raise InputError(
             f"{table.source}: {quantity}: column {name!r}: {meaning.problem}; write "
@@ -419,12 +420,11 @@ def _question(
             return Question(best.doubt, _DECIMALS)
         if quantity == "stamp" and "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
+        choices: tuple[str, ...] = units[:2]
         if quantity == "stamp" and "day and month" in best.doubt:
             choices = ("dmy", "mdy")
         elif quantity == "stamp":
             choices = ("s", "ms", "min", "h")
-        else:
-            choices = units[:2]
         answers = tuple(option(quantity, best.name, unit) for unit in choices)
         return Question(best.doubt, answers)
     ties = [

@@ -105,7 +105,10 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
 _GERMANIC_KINDS = frozenset(
-    "drehzahl drehmoment moment leistung par velocidad regimen potencia".split()
+    {
+        *("drehzahl", "drehmoment", "moment", "leistung"),
+        *("par", "velocidad", "regimen", "potencia"),
+    }
 )
 """Beside these words `motor` is German or Spanish and means the engine."""
 

@@ -80,12 +80,14 @@ def read_times(cells: Sequence[str], unit: str, comma: bool) -> Times:
         unit: unit of numbers, or one of `DATE_ORDERS`; `""` if nothing says so.
         comma: whether the decimal sign of numbers is a comma.
     """
+    numbers = read_numbers(cells, comma)
+    if np.isfinite(numbers.values).mean() > 0.5:
+        return _scaled(numbers.values, unit or "".join(numbers.units[:1]))
     filled = [cell for cell in cells if not not_available(cell)]
     if not filled:
         return Times(np.full(len(cells), math.nan))
     if any(":" in cell or _DATED.fullmatch(cell) for cell in filled[:20]):
         return _read_texts(cells, filled, unit)
-    numbers = read_numbers(cells, comma)
     unread = [
         cell
         for cell, value in zip(cells, numbers.values, strict=True)

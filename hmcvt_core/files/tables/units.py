@@ -179,7 +179,7 @@ def _key(unit: str) -> str:
 
 
 def _known_units() -> dict[str, Unit]:
-    known = {}
+    known: dict[str, Unit] = {}
     for kind, units in KIND_UNITS.items():
         for unit in units:
             for text in (unit, *_ALSO.get(unit, "").split()):
@@ -210,7 +210,7 @@ _FOR_PINT = re.compile(
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
     registry.define("daN = 10 * newton")
     return registry
 
