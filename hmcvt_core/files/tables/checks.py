@@ -32,6 +32,8 @@ _LEAST_TORQUE = 3.0
 """Load torque in N m that some test of a bench exceeds; a tenth of an idling tractor."""
 _LEAST_PRESSURE = 1e6
 """Pressure in Pa that some test of a hydrostatic unit exceeds; its charge pressure is higher."""
+_LEAST_EFFICIENCY = 0.3
+"""Median efficiency that a bench exceeds; a wrong unit by 9.55 or 10 makes 0.1 of 0.8."""
 _LEAST_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
@@ -133,6 +135,14 @@ def implausible(
         ("pressure", _LEAST_PRESSURE, "is it in bar or MPa?"),
     )
     problems = []
+    if "efficiency" in values and "efficiency" not in columns:
+        middle = float(np.nanmedian(values["efficiency"]))
+        if middle < _LEAST_EFFICIENCY:
+            suspect = suspect_efficiency(values["efficiency"]) or "units of two columns"
+            problems.append(
+                f"efficiency by the shafts is {middle:.3g} in the middle: are {suspect} "
+                "mixed up?"
+            )
     for quantity, least, hint in limits:
         if quantity not in values or len(values[quantity]) < 3:
             continue

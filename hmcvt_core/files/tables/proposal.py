@@ -228,7 +228,7 @@ def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
         question = _question(quantity, rivals, table)
         if question is not None:
             questions[quantity] = question
-    _same_speed_units(proposed, given)
+    _same_speed_units(proposed, given, questions)
     _assign_sides(candidates, proposed, given, questions, notes)
     spares = _take_spares(proposed, given)
     spares = {name: spares[name] for name in spares if name not in questions}
@@ -274,10 +274,9 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     brackets = [text for text in meaning.unknown if not text[0].isalnum()]
     if brackets:
         doubt = f"{brackets[0]} in column {name!r} is not known"
-    elif meaning.unknown and not (meaning.unit and meaning.unit.kind != "part"):
-        if why != "name" and why != "row of units":
-            words = ", ".join(map(repr, meaning.unknown))
-            doubt = f"{words} in column {name!r} is not known"
+    elif meaning.unknown and why in ("cells", "range", ""):
+        words = ", ".join(map(repr, meaning.unknown))
+        doubt = f"{words} in column {name!r} is not known"
     if style.doubtful:
         doubt = f"column {name!r}: {style.doubtful!r} can be read in two ways"
     if not unit and not doubt:
@@ -458,12 +457,31 @@ def _equal(one: _Candidate, other: _Candidate) -> bool:
     )
 
 
-def _same_speed_units(proposed: dict[str, Column], given: Mapping[str, Column]) -> None:
-    """Take an output speed without unit in that of the engine: it may turn slowly."""
+def _same_speed_units(
+    proposed: dict[str, Column],
+    given: Mapping[str, Column],
+    questions: dict[str, Question],
+) -> None:
+    """Take an output speed without unit in that of the engine: it may turn slowly.
+
+    Where the size of its numbers says another unit, only an efficiency by the shafts can confirm
+    that, which the checks look at; else the unit is asked.
+    """
     engine = proposed.get("engine_speed") or given.get("engine_speed")
     output = proposed.get("output_speed")
-    if engine is not None and output is not None and output.why == "range":
-        proposed["output_speed"] = output._replace(unit=engine.unit)
+    if engine is None or output is None or output.why != "range":
+        return
+    known = {*proposed, *given}
+    confirmed = "output_torque" in known and bool(known & set(INPUTS))
+    same = to_si("speed", output.unit) == to_si("speed", engine.unit or "rad/s")
+    if not same and not confirmed:
+        answers = tuple(
+            option("output_speed", output.name, unit) for unit in ("rad/s", "rpm")
+        )
+        questions["output_speed"] = Question(
+            f"column {output.name!r} names no unit", answers
+        )
+    proposed["output_speed"] = output._replace(unit=engine.unit)
 
 
 def _assign_sides(

@@ -21,15 +21,22 @@ from .units import to_si, unit_of
 
 DATE_ORDERS = ("dmy", "mdy", "ymd")
 """What an option may say in place of a unit: the order of day, month and year."""
+_MONTH_NAMES = (
+    ("jan", "januar"),
+    ("feb", "februar"),
+    ("mar", "maerz", "mrz", "mars"),
+    ("apr", "april", "avr"),
+    ("may", "mai"),
+    ("jun", "juni", "juin"),
+    ("jul", "juli", "juil"),
+    ("aug", "august", "aout"),
+    ("sep", "sept", "september"),
+    ("oct", "okt", "oktober"),
+    ("nov", "november"),
+    ("dec", "dez", "dezember"),
+)
 _MONTHS = {
-    name: number
-    for number, names in enumerate(
-        "jan januar|feb februar|mar maerz mrz mars|apr april avr|may mai|jun juni juin|"
-        "jul juli juil|aug august aout|sep sept september|oct okt oktober|"
-        "nov november|dec dez dezember".split("|"),
-        1,
-    )
-    for name in names.split()
+    name: number for number, names in enumerate(_MONTH_NAMES, 1) for name in names
 }
 _CLOCK = r"(?P<clock>\d{1,3}:\d\d(?::\d\d)?(?:[.,:]\d+)?)\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
