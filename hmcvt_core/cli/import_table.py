@@ -141,7 +141,9 @@ def command(
             name: value for name, value in saved.items() if settings[name] is None
         }
     named |= {quantity: text for quantity, text in given.items() if text is not None}
-    table, proposal = choose_columns(raw, named, guess=True, **settings)
+    table, proposal = choose_columns(
+        raw, named, guess=True, averaged=averaged, **settings
+    )
     guesses = {name: column for name, column in proposal.columns.items() if column.why}
     columns = named | {name: _text(column) for name, column in guesses.items()}
     flags = {"averaged": averaged, "skip-bad": skip_bad, "unchecked": unchecked}

@@ -199,12 +199,15 @@ def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
     return unit.name
 
 
-def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
+def propose(
+    table: RawTable, given: Mapping[str, Column], averaged: bool = False
+) -> Proposal:
     """Propose columns for the quantities that the user did not name.
 
     Args:
         table: as text.
         given: columns that the user named.
+        averaged: whether each row is a steady test, so that samples do without a time.
     """
     named = {column.name for column in given.values()}
     notes: list[str] = []
@@ -232,7 +235,8 @@ def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
     _assign_sides(candidates, proposed, given, questions, notes)
     spares = _take_spares(proposed, given)
     spares = {name: spares[name] for name in spares if name not in questions}
-    if "stamp" in questions and not questions["stamp"].options:
+    if averaged and "stamp" in questions:
+        notes.append(f"left aside: {questions['stamp'].text}")
         del questions["stamp"]
         del proposed["stamp"]
     _merge_decimals(questions)
