@@ -28,6 +28,10 @@ _SUSPECT_WIDTH = 0.03
 _AGREEMENT = 0.05
 """Part by which two routes to one quantity may differ in the median: meters of a bench differ by
 1 % each, and lb ft for N m by 36 %."""
+_FAR_APART = 0.1
+"""Part by which a single test differs when a meter failed; noise is a tenth of it."""
+_MOST_APART = 0.25
+"""Share of such tests from which the column is of another quantity."""
 _LEAST_TORQUE = 3.0
 """Load torque in N m that some test of a bench exceeds; a tenth of an idling tractor."""
 _LEAST_PRESSURE = 1e6
@@ -76,7 +80,8 @@ def contradictions(
         (power_name, power), *_ = powers.items()
         shafts = load * both["engine_speed"] / power
         ratio = _median_ratio(shafts, both["efficiency"])
-        if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
+        scattered = _share_apart(shafts, both["efficiency"]) > _MOST_APART
+        if ratio is not None and (abs(np.log(ratio)) > _AGREEMENT or scattered):
             way = f"{load_name} / {power_name}"
             problems.append(_disagreement("efficiency", way, "its column", ratio))
     return problems
@@ -112,6 +117,15 @@ def _median_ratio(one: Array, other: Array) -> float | None:
     if 2 * len(usable) < len(ratio):
         return None
     return float(np.median(usable))
+
+
+def _share_apart(one: Array, other: Array) -> float:
+    """Return the share of tests in which two routes differ by more than `_FAR_APART`."""
+    ratio = one / other
+    usable = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    if not len(usable):
+        return 0.0
+    return float(np.mean(np.abs(np.log(usable)) > _FAR_APART))
 
 
 def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:

@@ -234,14 +234,18 @@ def propose(
     _same_speed_units(proposed, given, questions)
     _assign_sides(candidates, proposed, given, questions, notes)
     spares = _take_spares(proposed, given)
-    spares = {name: spares[name] for name in spares if name not in questions}
+    doubtful = {name for name in spares if name in questions}
+    spares = {name: spares[name] for name in spares if name not in doubtful}
     if averaged and "stamp" in questions:
         notes.append(f"left aside: {questions['stamp'].text}")
         del questions["stamp"]
         del proposed["stamp"]
     _merge_decimals(questions)
+    asked = {*proposed, *doubtful}
     open_questions = [
-        q for name, q in questions.items() if name in proposed or name[:4] == "any_"
+        question
+        for name, question in questions.items()
+        if name in asked or name.startswith("any_")
     ]
     for optional in ("oil_temperature", "pressure", "efficiency_std", "stage"):
         if optional in questions:  # samples do without it
