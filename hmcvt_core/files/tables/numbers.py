@@ -84,7 +84,7 @@ def decimal_styles(
     """
     if decimal is not None:
         return dict.fromkeys(columns, Style(decimal == "comma"))
-    joined = {name: _BLANKS.sub("", "\n".join(c)) for name, c in columns.items()}
+    joined = {name: _without_blanks("\n".join(c)) for name, c in columns.items()}
     commas = {name for name, text in joined.items() if _COMMA.search(text)}
     points = {name for name, text in joined.items() if _POINT.search(text)}
     styles = {}
@@ -102,6 +102,13 @@ def decimal_styles(
             undecided = doubtful is not None and not plain
             styles[name] = Style(False, doubtful[0] if doubtful and undecided else "")
     return styles
+
+
+def _without_blanks(text: str) -> str:
+    """Remove blanks between thousands."""
+    if any(blank in text for blank in " '\u2019\u00a0\u202f"):
+        return _BLANKS.sub("", text)
+    return text
 
 
 def read_numbers(cells: Sequence[str], comma: bool) -> Numbers:
