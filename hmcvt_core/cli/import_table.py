@@ -2,7 +2,7 @@
 """`hmcvt import`, and `hmcvt import-csv`, its older name."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ _TEXTS = {
 }
 
 
-def _quantity_options() -> Any:
+def _quantity_options() -> Callable[[common.Function], common.Function]:
     """Return one option for each quantity."""
     made = []
     for quantity in (*UNITS, "stage"):
@@ -141,7 +141,9 @@ def command(
             name: value for name, value in saved.items() if settings[name] is None
         }
     named |= {quantity: text for quantity, text in given.items() if text is not None}
-    table, proposal = choose_columns(raw, named, guess=True, **settings)
+    table, proposal = choose_columns(
+        raw, named, guess=True, averaged=averaged, **settings
+    )
     guesses = {name: column for name, column in proposal.columns.items() if column.why}
     columns = named | {name: _text(column) for name, column in guesses.items()}
     flags = {"averaged": averaged, "skip-bad": skip_bad, "unchecked": unchecked}

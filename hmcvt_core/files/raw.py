@@ -97,6 +97,7 @@ def choose_columns(
     sheet: str | None = None,
     decimal: str | None = None,
     guess: bool = False,
+    averaged: bool = False,
 ) -> tuple[RawTable, Proposal]:
     """Read a table with its own names and units, and say where each quantity stands in it.
 
@@ -109,6 +110,7 @@ def choose_columns(
         sheet: of a spreadsheet.
         decimal: `point` or `comma`; the table decides when left out.
         guess: whether to propose columns for what is not named.
+        averaged: whether each row is a steady test, however fast the stamps rise.
 
     Raises:
         InputError: the file cannot be read, a column is missing or a unit is unknown.
@@ -132,7 +134,7 @@ def choose_columns(
         for quantity, text in columns.items()
     }
     if guess and _lacking(named, table, ()):
-        return table, propose(table, named)
+        return table, propose(table, named, averaged)
     return table, Proposal(named, {}, (), ())
 
 

@@ -271,11 +271,6 @@ def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
     Args:
         values: SI values by quantity, enough for bench samples.
     """
-    into = None
-    if "engine_torque" in values:
-        into = values["engine_torque"] * values["engine_speed"]
-    elif "engine_power" in values:
-        into = values["engine_power"]
     if "load_torque" in values:
         out = values["load_torque"] * values["engine_speed"]
     elif "output_torque" in values:
@@ -283,7 +278,13 @@ def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
     elif "output_power" in values:
         out = values["output_power"]
     else:
-        out = values["efficiency"] * into
-    if into is None:
-        into = out / values["efficiency"]
-    return into, out
+        out = values["efficiency"] * _engine_power(values)
+    if "engine_torque" in values or "engine_power" in values:
+        return _engine_power(values), out
+    return out / values["efficiency"], out
+
+
+def _engine_power(values: Mapping[str, Array]) -> Array:
+    if "engine_torque" in values:
+        return values["engine_torque"] * values["engine_speed"]
+    return values["engine_power"]

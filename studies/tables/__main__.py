@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""`python -m studies.tables --count 20000 --seed 1`: import random tables and count the outcomes."""
+"""`python -m studies.tables --count 20000 --seed 1`: import random tables."""
 
 import argparse
 import tempfile

@@ -293,7 +293,7 @@ def random_table(rng: np.random.Generator) -> RandomTable:
             np.floor(np.log10(np.max(np.abs(values))))
         )
         digits = int(np.clip(digits, 0, 6))
-        rounding += 0.5 * 10.0**-digits / float(np.min(np.abs(values)))
+        rounding += 0.5 * 10.0**-digits / max(float(np.min(np.abs(values))), 1e-2)
         cells = [_number(value, digits, decimal, thousands) for value in values]
         columns.append((name, unit, cells))
     n_others = int(rng.integers(0, 4))

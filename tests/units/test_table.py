@@ -211,7 +211,9 @@ def test_kind_and_noise_are_checked(tmp_path, said, given, told):
 
 
 def reading(tmp_path, head, columns, kind="pump"):
-    rows = [",".join(f"{value:.9g}" for value in row) for row in zip(*columns)]
+    rows = [
+        ",".join(f"{value:.9g}" for value in row) for row in zip(*columns, strict=True)
+    ]
     path = tmp_path / "t.csv"
     path.write_text("\n".join([head, *rows]) + "\n")
     return read_unit(path, kind=kind)

@@ -28,10 +28,16 @@ _SUSPECT_WIDTH = 0.03
 _AGREEMENT = 0.05
 """Part by which two routes to one quantity may differ in the median: meters of a bench differ by
 1 % each, and lb ft for N m by 36 %."""
+_FAR_APART = 0.1
+"""Part by which a single test differs when a meter failed; noise is a tenth of it."""
+_MOST_APART = 0.25
+"""Share of such tests from which the column is of another quantity."""
 _LEAST_TORQUE = 3.0
 """Load torque in N m that some test of a bench exceeds; a tenth of an idling tractor."""
 _LEAST_PRESSURE = 1e6
 """Pressure in Pa that some test of a hydrostatic unit exceeds; its charge pressure is higher."""
+_LEAST_EFFICIENCY = 0.3
+"""Median efficiency that a bench exceeds; a wrong unit by 9.55 or 10 makes 0.1 of 0.8."""
 _LEAST_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
@@ -74,7 +80,8 @@ def contradictions(
         (power_name, power), *_ = powers.items()
         shafts = load * both["engine_speed"] / power
         ratio = _median_ratio(shafts, both["efficiency"])
-        if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
+        scattered = _share_apart(shafts, both["efficiency"]) > _MOST_APART
+        if ratio is not None and (abs(np.log(ratio)) > _AGREEMENT or scattered):
             way = f"{load_name} / {power_name}"
             problems.append(_disagreement("efficiency", way, "its column", ratio))
     return problems
@@ -112,6 +119,15 @@ def _median_ratio(one: Array, other: Array) -> float | None:
     return float(np.median(usable))
 
 
+def _share_apart(one: Array, other: Array) -> float:
+    """Return the share of tests in which two routes differ by more than `_FAR_APART`."""
+    ratio = one / other
+    usable = ratio[np.isfinite(ratio) & (ratio > 0.0)]
+    if not len(usable):
+        return 0.0
+    return float(np.mean(np.abs(np.log(usable)) > _FAR_APART))
+
+
 def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:
     suspect = suspicion(ratio)
     hint = f": are {suspect} mixed up?" if suspect else ": one column or unit is wrong"
@@ -133,6 +149,14 @@ def implausible(
         ("pressure", _LEAST_PRESSURE, "is it in bar or MPa?"),
     )
     problems = []
+    if "efficiency" in values and "efficiency" not in columns:
+        middle = float(np.nanmedian(values["efficiency"]))
+        if middle < _LEAST_EFFICIENCY:
+            suspect = suspect_efficiency(values["efficiency"]) or "units of two columns"
+            problems.append(
+                f"efficiency by the shafts is {middle:.3g} in the middle: are {suspect} "
+                "mixed up?"
+            )
     for quantity, least, hint in limits:
         if quantity not in values or len(values[quantity]) < 3:
             continue

@@ -9,7 +9,7 @@ that hold no quantity are missing, or where every row ends there.
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import accumulate, count
+from itertools import count
 from pathlib import Path
 
 from ...errors import InputError
@@ -193,8 +193,12 @@ def _header(
 
 def _joined(above: Sequence[str], below: Sequence[str]) -> list[str]:
     """Join two rows of names; a name above may stand for several below."""
-    groups = accumulate(above, lambda last, cell: cell or last)
-    return [" ".join(pair).strip() for pair in zip(groups, below, strict=True)]
+    joined = []
+    group = ""
+    for upper, lower in zip(above, below, strict=True):
+        group = upper or group
+        joined.append(f"{group} {lower}".strip())
+    return joined
 
 
 def _numeric(row: Sequence[str]) -> bool:

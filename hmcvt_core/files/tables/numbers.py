@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from ...transmission.ranges import Array
 from .units import unit_of
 
-SENTINELS = (-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0, 65535.0, 65534.0)
-SENTINELS += (32767.0, -32768.0, 8191.875, 1e30, -1e30)
+SENTINELS: tuple[float, ...] = (
+    *(-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0),
+    *(65535.0, 65534.0, 32767.0, -32768.0, 8191.875, 1e30, -1e30),
+)
 """Numbers that loggers write for "no value"."""
 _NOT_AVAILABLE = re.compile(
     r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*|-+|\.+|\?+|",
@@ -82,7 +84,7 @@ def decimal_styles(
     """
     if decimal is not None:
         return dict.fromkeys(columns, Style(decimal == "comma"))
-    joined = {name: _BLANKS.sub("", "\n".join(c)) for name, c in columns.items()}
+    joined = {name: _without_blanks("\n".join(c)) for name, c in columns.items()}
     commas = {name for name, text in joined.items() if _COMMA.search(text)}
     points = {name for name, text in joined.items() if _POINT.search(text)}
     styles = {}
@@ -100,6 +102,13 @@ def decimal_styles(
             undecided = doubtful is not None and not plain
             styles[name] = Style(False, doubtful[0] if doubtful and undecided else "")
     return styles
+
+
+def _without_blanks(text: str) -> str:
+    """Remove blanks between thousands."""
+    if any(blank in text for blank in " '\u2019\u00a0\u202f"):
+        return _BLANKS.sub("", text)
+    return text
 
 
 def read_numbers(cells: Sequence[str], comma: bool) -> Numbers:
@@ -189,15 +198,17 @@ def not_available(cell: str) -> bool:
     """Return whether a cell says that no value is available, or is empty."""
     if _NOT_AVAILABLE.fullmatch(cell.strip()):
         return True
-    value = parsed(cell, False)[0]
-    return bool(np.isin(value, SENTINELS))
+    try:
+        return float(cell) in SENTINELS
+    except ValueError:
+        return False
 
 
 def no_number(name: str, cell: str) -> str:
     """Say what is wrong with a cell of a column that holds no number."""
     if not cell:
         return f"{name} is empty"
-    if np.isin(parsed(cell, False)[0], SENTINELS):
+    if parsed(cell, False)[0] in SENTINELS:
         return f"{name} {cell!r} is a code for no value"
     cure = ""
     if re.search(r"\d[.,]\d", cell):

@@ -173,7 +173,8 @@ def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
     meaning = meaning_of(name, table.units.get(name, ""))
     unit = meaning.unit
     if quantity == "stamp":
-        return unit.name if unit is not None and unit.kind == "time" else ""
+        known = unit is not None and unit.kind == "time"
+        return unit.name if known and unit is not None else ""
     if meaning.problem.startswith("the header says"):
         raise InputError(
             f"{table.source}: {quantity}: column {name!r}: {meaning.problem}; write "
@@ -198,12 +199,15 @@ def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
     return unit.name
 
 
-def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
+def propose(
+    table: RawTable, given: Mapping[str, Column], averaged: bool = False
+) -> Proposal:
     """Propose columns for the quantities that the user did not name.
 
     Args:
         table: as text.
         given: columns that the user named.
+        averaged: whether each row is a steady test, so that samples do without a time.
     """
     named = {column.name for column in given.values()}
     notes: list[str] = []
@@ -227,16 +231,21 @@ def propose(table: RawTable, given: Mapping[str, Column]) -> Proposal:
         question = _question(quantity, rivals, table)
         if question is not None:
             questions[quantity] = question
-    _same_speed_units(proposed, given)
+    _same_speed_units(proposed, given, questions)
     _assign_sides(candidates, proposed, given, questions, notes)
     spares = _take_spares(proposed, given)
-    spares = {name: spares[name] for name in spares if name not in questions}
-    if "stamp" in questions and not questions["stamp"].options:
+    doubtful = {name for name in spares if name in questions}
+    spares = {name: spares[name] for name in spares if name not in doubtful}
+    if averaged and "stamp" in questions:
+        notes.append(f"left aside: {questions['stamp'].text}")
         del questions["stamp"]
         del proposed["stamp"]
     _merge_decimals(questions)
+    asked = {*proposed, *doubtful}
     open_questions = [
-        q for name, q in questions.items() if name in proposed or name[:4] == "any_"
+        question
+        for name, question in questions.items()
+        if name in asked or name.startswith("any_")
     ]
     for optional in ("oil_temperature", "pressure", "efficiency_std", "stage"):
         if optional in questions:  # samples do without it
@@ -273,10 +282,9 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     brackets = [text for text in meaning.unknown if not text[0].isalnum()]
     if brackets:
         doubt = f"{brackets[0]} in column {name!r} is not known"
-    elif meaning.unknown and not (meaning.unit and meaning.unit.kind != "part"):
-        if why != "name" and why != "row of units":
-            words = ", ".join(map(repr, meaning.unknown))
-            doubt = f"{words} in column {name!r} is not known"
+    elif meaning.unknown and why in ("cells", "range", ""):
+        words = ", ".join(map(repr, meaning.unknown))
+        doubt = f"{words} in column {name!r} is not known"
     if style.doubtful:
         doubt = f"column {name!r}: {style.doubtful!r} can be read in two ways"
     if not unit and not doubt:
@@ -419,12 +427,11 @@ def _question(
             return Question(best.doubt, _DECIMALS)
         if quantity == "stamp" and "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
+        choices: tuple[str, ...] = units[:2]
         if quantity == "stamp" and "day and month" in best.doubt:
             choices = ("dmy", "mdy")
         elif quantity == "stamp":
             choices = ("s", "ms", "min", "h")
-        else:
-            choices = units[:2]
         answers = tuple(option(quantity, best.name, unit) for unit in choices)
         return Question(best.doubt, answers)
     ties = [
@@ -458,12 +465,31 @@ def _equal(one: _Candidate, other: _Candidate) -> bool:
     )
 
 
-def _same_speed_units(proposed: dict[str, Column], given: Mapping[str, Column]) -> None:
-    """Take an output speed without unit in that of the engine: it may turn slowly."""
+def _same_speed_units(
+    proposed: dict[str, Column],
+    given: Mapping[str, Column],
+    questions: dict[str, Question],
+) -> None:
+    """Take an output speed without unit in that of the engine: it may turn slowly.
+
+    Where the size of its numbers says another unit, only an efficiency by the shafts can confirm
+    that, which the checks look at; else the unit is asked.
+    """
     engine = proposed.get("engine_speed") or given.get("engine_speed")
     output = proposed.get("output_speed")
-    if engine is not None and output is not None and output.why == "range":
-        proposed["output_speed"] = output._replace(unit=engine.unit)
+    if engine is None or output is None or output.why != "range":
+        return
+    known = {*proposed, *given}
+    confirmed = "output_torque" in known and bool(known & set(INPUTS))
+    same = to_si("speed", output.unit) == to_si("speed", engine.unit or "rad/s")
+    if not same and not confirmed:
+        answers = tuple(
+            option("output_speed", output.name, unit) for unit in ("rad/s", "rpm")
+        )
+        questions["output_speed"] = Question(
+            f"column {output.name!r} names no unit", answers
+        )
+    proposed["output_speed"] = output._replace(unit=engine.unit)
 
 
 def _assign_sides(

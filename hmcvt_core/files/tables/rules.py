@@ -105,18 +105,16 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
 _GERMANIC_KINDS = frozenset(
-    [
-        "drehzahl",
-        "drehmoment",
-        "moment",
-        "leistung",
-        "par",
-        "velocidad",
-        "regimen",
-        "potencia",
-    ]
+    {
+        *("drehzahl", "drehmoment", "moment", "leistung"),
+        *("par", "velocidad", "regimen", "potencia"),
+    }
 )
 """Beside these words `motor` is German or Spanish and means the engine."""
+
+_OIL_PLACES = frozenset(
+    {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
+)
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -408,12 +406,9 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
             strange.append(word)
     if kind in ("pressure", "temperature") and "charge" in lowered:
         means.add("feed")
-    if kind == "temperature":
-        # Getriebe, transmission and hydraulic are the place of the oil here.
-        if {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"} & set(
-            lowered
-        ):
-            means.add("oil")
+    # A temperature of the gearbox or the hydraulics is that of their oil.
+    if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
+        means.add("oil")
     return means, strange
 
 
@@ -468,24 +463,11 @@ _UNIT_BENCH = (
 """Quantities of the bench of one pump or motor that a further word tells apart."""
 _UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
 _UNIT_BENCH_WORDS = frozenset(
-    [
-        "pump",
-        "pumpe",
-        "motor",
-        "unit",
-        "shaft",
-        "delivered",
-        "discharge",
-        "effective",
-        "actual",
-        "measured",
-        "differential",
-        "difference",
-        "delta",
-        "d",
-        "stroke",
-        "output",
-    ]
+    {
+        *("pump", "pumpe", "motor", "unit", "shaft", "delivered", "discharge"),
+        *("effective", "actual", "measured", "differential", "difference", "delta"),
+        *("d", "stroke", "output"),
+    }
 )
 
 

@@ -21,26 +21,22 @@ from .units import to_si, unit_of
 
 DATE_ORDERS = ("dmy", "mdy", "ymd")
 """What an option may say in place of a unit: the order of day, month and year."""
+_MONTH_NAMES = (
+    ("jan", "januar"),
+    ("feb", "februar"),
+    ("mar", "maerz", "mrz", "mars"),
+    ("apr", "april", "avr"),
+    ("may", "mai"),
+    ("jun", "juni", "juin"),
+    ("jul", "juli", "juil"),
+    ("aug", "august", "aout"),
+    ("sep", "sept", "september"),
+    ("oct", "okt", "oktober"),
+    ("nov", "november"),
+    ("dec", "dez", "dezember"),
+)
 _MONTHS = {
-    name: number
-    for number, names in enumerate(
-        [
-            "jan januar",
-            "feb februar",
-            "mar maerz mrz mars",
-            "apr april avr",
-            "may mai",
-            "jun juni juin",
-            "jul juli juil",
-            "aug august aout",
-            "sep sept september",
-            "oct okt oktober",
-            "nov november",
-            "dec dez dezember",
-        ],
-        1,
-    )
-    for name in names.split()
+    name: number for number, names in enumerate(_MONTH_NAMES, 1) for name in names
 }
 _CLOCK = r"(?P<clock>\d{1,3}:\d\d(?::\d\d)?(?:[.,:]\d+)?)\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
@@ -91,12 +87,14 @@ def read_times(cells: Sequence[str], unit: str, comma: bool) -> Times:
         unit: unit of numbers, or one of `DATE_ORDERS`; `""` if nothing says so.
         comma: whether the decimal sign of numbers is a comma.
     """
+    numbers = read_numbers(cells, comma)
+    if np.isfinite(numbers.values).mean() > 0.5:
+        return _scaled(numbers.values, unit or "".join(numbers.units[:1]))
     filled = [cell for cell in cells if not not_available(cell)]
     if not filled:
         return Times(np.full(len(cells), math.nan))
     if any(":" in cell or _DATED.fullmatch(cell) for cell in filled[:20]):
         return _read_texts(cells, filled, unit)
-    numbers = read_numbers(cells, comma)
     unread = [
         cell
         for cell, value in zip(cells, numbers.values, strict=True)

@@ -124,6 +124,11 @@ _ALSO = {
 }
 _AMBIGUOUS = ("1/s", "s-1", "hz", "rps", "rev/s", "r/s", "u/s")
 """Units of speed of which some say radians and some turns, to be asked."""
+_OTHER = (
+    *("deg", "rad", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s", "km/h", "kg", "kg/h"),
+    *("g/s", "g/kWh", "L/h", "kJ", "kWh", "g/h", "ppm"),
+)
+"""Usual units of what is no quantity of a bench."""
 _LETTERS = str.maketrans(
     {
         "\u03b7": " eta ",
@@ -179,14 +184,15 @@ def _key(unit: str) -> str:
 
 
 def _known_units() -> dict[str, Unit]:
-    known = {}
+    known: dict[str, Unit] = {}
     for kind, units in KIND_UNITS.items():
         for unit in units:
             for text in (unit, *_ALSO.get(unit, "").split()):
                 known.setdefault(_key(text), Unit(kind, unit))
     for text in _AMBIGUOUS:
         known[_key(text)] = Unit("speed", "1/s")
-    known["deg"] = Unit("other", "deg")
+    for text in _OTHER:
+        known.setdefault(_key(text), Unit("other", text))
     return known
 
 
@@ -210,7 +216,7 @@ _FOR_PINT = re.compile(
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
     registry.define("daN = 10 * newton")
     return registry
 
