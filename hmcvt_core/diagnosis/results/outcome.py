@@ -279,7 +279,8 @@ class Outcome:
         """
         observed = self._observed
         steered = [axis.name for axis in self.axes]
-        known = [axis.name for axis in observed.axes]
+        # A coordinate that all samples share is recorded without an axis.
+        known = list(observed.points)
         given = {**dict(zip(steered, coordinates, strict=False)), **named}
         for name in steered:
             if name not in given:
