@@ -27,6 +27,8 @@ KEYS = {
         "jinja2",
         "matplotlib",
         "numpy",
+        "pandas",
+        "pint",
         "pytest",
         "scipy",
         "yaml",

@@ -224,9 +224,8 @@ def test_parts_are_read_in_the_order_of_recording(split):
     assert report.notes == ()
 
 
-def test_damage_in_the_middle_of_a_part(split, storage):
-    if storage == "sqlite3":
-        pytest.skip("SQLite finds such damage when it opens the file")
+@pytest.mark.parametrize("storage", ["mcap"], indirect=True)
+def test_damage_in_the_middle_of_a_part(split):
     folder, files = split
     content = bytearray(files[0].read_bytes())
     middle = len(content) // 3

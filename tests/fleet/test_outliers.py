@@ -129,7 +129,7 @@ def test_progress_without_a_terminal(monkeypatch):
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     counter = _Counter("fleet", 60.0)
-    counter.start = counter.told = counter.start - 600.0
+    counter.start = counter.last_line = counter.start - 600.0
     for number in range(9):
         counter.count(_row(number), 30)
     counter.count(BROKEN, 30)
