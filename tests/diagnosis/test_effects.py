@@ -13,11 +13,7 @@ from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects import effect_from_mapping, effect_to_mapping, library
 from hmcvt_core.physics.effects.base import Effect, size
 from hmcvt_core.physics.effects.hydraulic import OilTemperature, walther_log_viscosity
-from hmcvt_core.physics.effects.mechanical import (
-    ChargePump,
-    Churning,
-    LoadedBearingDrag,
-)
+from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
@@ -206,24 +202,6 @@ def test_effects_add_up_in_one_model():
     )
     np.testing.assert_allclose(
         both.engine_power - alone.engine_power, churned, rtol=1e-9
-    )
-
-
-@pytest.mark.parametrize(("exponent", "ratio"), [(0.0, 8.0), (0.67, 8.0**0.33)])
-def test_drag_of_loaded_bearings_follows_load_and_speed(exponent, ratio):
-    points = OperatingPoints(
-        np.array([0.5, 0.5]),
-        np.array([150.0, 150.0]),
-        np.array([250.0, 31.25]),
-        np.full(2, 70.0),
-    )
-    effect = LoadedBearingDrag(torque=3.0, exponent=exponent)
-    bare, dragged = (
-        BalanceSolver(BASE.stage, BASE.parameters, effects).flow(points)[1].engine_power
-        for effects in ((), (effect,))
-    )
-    np.testing.assert_allclose(
-        (dragged - bare) / points.engine_speed, [3.0, 3.0 / ratio], rtol=1e-9
     )
 
 

@@ -128,26 +128,7 @@ def _air(share, exponent, stiffening):
     return _as_effect(leakage_flow=flow)
 
 
-def _bearings(load, speed):
-    """Drag on the engine shaft ~ torque^load speed^speed."""
-    return _as_effect(
-        engine_drag=lambda state: (
-            3.0
-            * (np.abs(state.load_power) / state.engine_speed / 250.0) ** load
-            * (state.engine_speed / 150.0) ** speed
-        )
-    )
-
-
 PUBLISHED = {
-    "bearing_drag": [
-        _bearings(0.0, 2 / 3),  # M0 of Palmgren
-        _bearings(0.0, 0.0),  # seals
-        _bearings(1.0, 0.0),  # M1, roller bearings
-        _bearings(1.55, 0.0),  # M1, ball bearings
-        _bearings(0.31, 0.6),  # SKF rolling friction, cylindrical roller bearings
-        _bearings(0.54, 0.6),  # the same, deep groove ball bearings
-    ],
     "clutch_drag": [
         _clutch(peak, fall, feed, against)
         for peak in (60.0, 110.0, 160.0)

@@ -57,31 +57,6 @@ class BearingDrag(Effect):
 
 
 @dataclass(frozen=True)
-class LoadedBearingDrag(BearingDrag):
-    """T ~ load^(1 - b) speed^b: friction of loaded rolling contacts, by the Hersey number.
-
-    A coefficient of friction that is a power b of viscosity speed / load gives such a torque. b = 0
-    is M1 of Palmgren for roller bearings; b = 2/3 is near the rolling friction of SKF for them,
-    load^0.31 speed^0.6. For ball bearings both have a higher power of the load.
-    """
-
-    form = "load and speed"
-    summary = "loaded bearings on the engine side drag with a torque that grows with load and speed"
-    source = "Palmgren 1959, M1 = f1 P dm; SKF rolling frictional moment"
-    remedy = "calibrate the torque meters: their gain looks nearly the same"
-
-    torque: float = size(
-        "N m", 3.0, 0.0, 20.0, "drag torque on the engine shaft at 250 N m, 150 rad/s"
-    )
-    exponent: float = shape("-", (0.0, 0.67), "power of speed in the torque")
-
-    def engine_drag(self, state: ShaftState) -> Value:
-        load = np.abs(state.load_power) / state.engine_speed / _TORQUE_REFERENCE
-        speed = state.engine_speed / _ENGINE_REFERENCE
-        return self.torque * load ** (1.0 - self.exponent) * speed**self.exponent
-
-
-@dataclass(frozen=True)
 class Churning(BearingDrag):
     """P = k w^n: oil churning and windage of the engine-side gears, n = 2.5 to 3."""
 
