@@ -466,13 +466,13 @@ PRIOR_OF_SET_SIZE = {1: 0.40, 2: 0.15, 3: 0.05}
 Source: chosen; each further cause is rarer by a factor of about three.
 """
 
-PRIOR_BASE_DISCREPANCY = 0.25
+PRIOR_BASE_DISCREPANCY = 0.30
 """Prior probability, given a gap, that the base model is a little off and nothing else.
 
 Source: chosen; no model is exact, so it is nearly as likely as a single cause.
 """
 
-PRIOR_UNLISTED = 0.15
+PRIOR_UNLISTED = 0.10
 """Prior probability, given a gap, of an unlisted cause alone, and of one besides each set.
 
 Source: chosen. More makes the verdict `unexplained` more frequent.
