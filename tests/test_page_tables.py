@@ -49,6 +49,8 @@ def test_priors_of_the_page_are_those_of_the_code():
     ):
         (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
         assert float(value) == prior
+    combined = re.search(r"combined with a listed set \| ([\d.]+) of", page)
+    assert float(combined[1]) == settings.PRIOR_UNLISTED
 
 
 def test_the_form_of_the_first_change_is_an_effect():

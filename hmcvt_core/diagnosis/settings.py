@@ -473,7 +473,7 @@ Source: chosen; no model is exact, so it is nearly as likely as a single cause.
 """
 
 PRIOR_UNLISTED = 0.10
-"""Prior probability, given a gap, of an unlisted cause alone, and of one besides each set.
+"""Prior probability of an unlisted cause alone, given a gap; of one in addition, given a set.
 
 Source: chosen. More makes the verdict `unexplained` more frequent.
 """

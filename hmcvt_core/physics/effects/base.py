@@ -134,7 +134,7 @@ def size(unit: str, typical: float, low: float, high: float, meaning: str) -> An
 def shape(
     unit: str, grid: tuple[float, ...], meaning: str, between: bool = True
 ) -> Any:
-    """Declare a parameter that bends the form; the middle of its grid is the default.
+    """Declare a parameter that bends the form; `grid[len(grid) // 2]` is its default.
 
     With `between` the leading sets are refitted with it anywhere between the ends of the grid; not
     where all of it are whole numbers (int), which are a switch or an index.

@@ -39,7 +39,7 @@ class ChargePump(Effect):
 
 @dataclass(frozen=True)
 class BearingDrag(Effect):
-    """M0 of Palmgren: constant seal friction is the exponent 0, lubricated bearings 2/3."""
+    """T ~ w^a, M0 of Palmgren: a = 0 for seals, 2/3 for lubricated bearings."""
 
     name = "bearing_drag"
     component = "gears"
