@@ -22,7 +22,6 @@ MEANINGS = {
     "efficiency_std": "standard deviation of the efficiency of this test",
     "stamp": "time of the test",
     "pressure": "pressure over the motor, high side minus low side",
-    "pump_torque": "torque of the pump shaft",
 }
 
 

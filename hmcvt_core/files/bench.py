@@ -44,7 +44,6 @@ class BenchSamples:
         stamp: time of the sample [s], or None.
         pressure: over the motor, high minus low side, positive where it drives the output forward
             [Pa], or None.
-        pump_torque: at the pump shaft [N m], or None.
         extra: the other columns, as text; `stage` names the stage engaged.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
@@ -63,7 +62,6 @@ class BenchSamples:
     efficiency_std: Array | None = None
     stamp: Array | None = None
     pressure: Array | None = None
-    pump_torque: Array | None = None
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     source: str = "samples"
     sha256: str = ""

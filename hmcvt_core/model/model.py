@@ -546,14 +546,14 @@ class EfficiencyModel:
         return Solution(*rows)
 
     def readings_at(self, points: OperatingPoints) -> Array:
-        """Efficiency, output speed, pressure [Pa] and pump torque [N m] at checked points, (4, ...).
+        """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
 
         Raises:
             InputError: the formulation is not `power_balance`.
         """
         refusal = "a pressure needs formulation power_balance"
         return points.solved(
-            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:4]
+            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:3]
         )
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:

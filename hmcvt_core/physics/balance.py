@@ -94,7 +94,7 @@ class BalanceSolver:
         return self.quadrant(senses).solve(points, self.resting(points))
 
     def _iterated(self, points: OperatingPoints) -> Solution:
-        efficiency, speed, _, _, torque = self.readings(points)
+        efficiency, speed, _, torque = self.readings(points)
         return Solution(efficiency, speed, torque)
 
     def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
@@ -153,10 +153,10 @@ class BalanceSolver:
     def readings(
         self, points: OperatingPoints, senses: Senses | None = None
     ) -> tuple[Array, ...]:
-        """Return what a bench reads, five arrays of shape (n,).
+        """Return what a bench reads, four arrays of shape (n,).
 
-        Efficiency [-], output speed [rad/s], pressure [Pa], pump torque [N m] and engine torque
-        [N m]. The pressure is the difference over the motor, eq. (14).
+        Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m]. The pressure
+        is the difference over the motor, eq. (14).
         """
         shafts, flow = self.flow(points, senses)
         state = flow.state
@@ -171,8 +171,7 @@ class BalanceSolver:
             efficiency = effect.reading(efficiency, state)
             speed = effect.output_speed_reading(speed)
             pressure = effect.pressure_reading(pressure)
-        pump_torque = np.asarray(flow.torques["pump"][0])
-        return efficiency, speed, pressure, pump_torque, torque
+        return efficiency, speed, pressure, torque
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(
@@ -294,7 +293,7 @@ class BalanceSolver:
         points = OperatingPoints(stroke, engine_speed, load_torque)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
         stroke = shafts.stroke_for(output_speed)
-        _, reached, _, _, torque = self.readings(
+        _, reached, _, torque = self.readings(
             points._replace(displacement_ratio=stroke), senses
         )
         holds = np.abs(reached - output_speed) < _HELD * np.abs(output_speed)

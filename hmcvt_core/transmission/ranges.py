@@ -96,7 +96,6 @@ OIL_TEMPERATURE = Range("oil_temperature", -40.0, 150.0, "deg C", "is it in kelv
 EFFICIENCY_STD = Range("efficiency_std", 1e-6, 0.2, "-", "a fraction, not percent")
 STAMP = Range("stamp", 0.0, 1e12, "s")
 PRESSURE = Range("pressure", -6e7, 6e7, "Pa", "high less low side of the motor")
-PUMP_TORQUE = Range("pump_torque", -5000.0, 5000.0, "N m", "torque of the pump shaft")
 
 POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What makes an operating point, in the order in which it is given everywhere."""
@@ -110,7 +109,6 @@ BENCH_COLUMNS: Sequence[Range] = (
     EFFICIENCY_STD,
     STAMP,
     PRESSURE,
-    PUMP_TORQUE,
 )
 """The columns of a bench file; the first four are required."""
 REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])

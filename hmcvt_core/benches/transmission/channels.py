@@ -96,22 +96,4 @@ PRESSURE_CHANNEL = Channel(
     least=5e4,
     served=False,
 )
-PUMP_TORQUE_CHANNEL = Channel(
-    name="pump_torque",
-    unit="N m",
-    factor=1.0,
-    digits=1,
-    uncertainty=0.005,
-    relative=False,
-    field_spreads=(0.5, 2.0, 8.0),
-    step_spreads=(2.0, 6.0),
-    misfit_spread=0.2,
-    least=0.3,
-    served=False,
-)
-CHANNELS = (
-    EFFICIENCY_CHANNEL,
-    OUTPUT_SPEED_CHANNEL,
-    PRESSURE_CHANNEL,
-    PUMP_TORQUE_CHANNEL,
-)
+CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)

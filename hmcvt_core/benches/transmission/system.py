@@ -95,7 +95,7 @@ class Transmission:
     def predict(
         self, base: Array, effects: Sequence[AnyEffect], points: Points
     ) -> Array:
-        """Return efficiency [-], output speed [rad/s], pressure [Pa] and pump torque [N m].
+        """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read.
 
         Args:
             base: scaled base parameters, shape (p,).
@@ -103,20 +103,20 @@ class Transmission:
             points: operating points, n values along each axis.
 
         Returns:
-            Shape (4, n); NaN where the model has no answer.
+            Shape (3, n); NaN where the model has no answer.
         """
         known: dict[str, Any] = {**points}
         if STAGE.name in known:
             stages = np.array(list(self.model.stages))
             known[STAGE.name] = stages[known[STAGE.name].astype(int)]
         model = self._refitted(base, effects)
-        efficiency, output_speed, pressure, pump_torque = model.readings_at(
+        efficiency, output_speed, pressure = model.readings_at(
             ranges.OperatingPoints(**known)
         )
         if "pressure_gain" in self.base.names:
             values = base_values(self.base, base)
             pressure = pressure * (1.0 + values.pressure_gain) + values.pressure_zero
-        return np.stack([efficiency, output_speed, pressure, pump_torque])
+        return np.stack([efficiency, output_speed, pressure])
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return tests over the working range of engine and campaign that the model can carry.
