@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Do the paper's values at displacement ratio 0 lead to its reading? `python -m studies.zero_stroke`
+"""What the paper's values at displacement ratio 0 say: `python -m studies.zero_stroke`.
 
 At displacement ratio 0 eqs (13) to (16) give a small negative hydraulic efficiency: the motor turns
 backward by the leakage, and the pump takes its damping torque,

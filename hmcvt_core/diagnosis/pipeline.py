@@ -5,8 +5,8 @@ prepare: which samples can be used, and the base model refitted to them;
 detect: is there a gap, and in which regions;
 select: which explanations are how probable;
 measure: how far the gap shrinks, at samples left out;
-summarise: verdict, causes, regions, parameters, notes;
-advise: which test to run next.
+advise: which test to run next;
+summarise: verdict, causes, regions, parameters, notes.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def diagnose_system(
 
     Args:
         system: what is on the bench.
-        observed: at least five samples.
+        observed: at least five samples, and more than there are base parameters.
         held_out: samples to measure the shrinkage on; None for cross-validation.
         warnings: why the readings may be of another machine; they precede everything else.
         notes: on the samples, to precede other notes.
@@ -164,7 +164,7 @@ def next_test(
 
     Args:
         system: what is on the bench.
-        observed: at least five samples.
+        observed: at least five samples, and more than there are base parameters.
         possible: the tests that can be run; None for the candidates of the system.
         notes: on the samples, to precede other notes.
         seed: of every random number.

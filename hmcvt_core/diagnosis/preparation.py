@@ -1,9 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Selection of the samples that a diagnosis uses, with a note on each that is left out.
+"""Selection and weighting of the samples that a diagnosis uses, with a note on what changes.
 
 A real gap has neighbours: nearby operating points share it. A slip stands alone. A sample is an
 outlier when its residual lies far from the median of its nearest neighbours' residuals, relative
 to how far samples usually lie, and only if such samples are few: many together are a narrow gap.
+Noise is widened near changes of operating mode, and where the scatter is uneven.
 """
 
 from collections.abc import Sequence
@@ -202,6 +203,7 @@ def uneven_noise(fit: Fit) -> Array:
     points = _distinct_points(observed)
     for i, channel in enumerate(observed.channels):
         nuisance = np.hstack([observed.smooth[0], fit.jacobian[i]])
+        # An assumed noise of a small campaign has more of them, and counts as stated too.
         stated = observed.prior_dof[i] > PRIOR_DOF_ASSUMED
         # Uncertainty propagated from meters has its shape already.
         propagated = channel.uncertainty == 0.0
@@ -241,17 +243,19 @@ def _noise_factors(residual: Array, nuisance: Array, regressors: Array) -> Array
         scaled = residual / factor
         remainder = scaled - basis @ (basis.T @ scaled)
         degrees_of_freedom = 1.0 - np.sum(basis**2, axis=1)
-        even = np.log(np.sum(remainder**2) / degrees_of_freedom.sum())
+        even_variance = np.sum(remainder**2) / degrees_of_freedom.sum()
+        even_log_variance = np.log(even_variance)
         fitted = minimize(
             _deviance,
-            np.append(even, np.zeros(slopes)),
+            np.append(even_log_variance, np.zeros(slopes)),
             (regressors, degrees_of_freedom, remainder**2),
             jac=True,
         )
-        even_deviance = degrees_of_freedom.sum() * (even + 1.0)
+        even_deviance = degrees_of_freedom.sum() * (even_log_variance + 1.0)
+        # Akaike's criterion: two for each further coefficient.
         improves = even_deviance - fitted.fun > 2.0 * slopes
         # Scatter beyond the assumed noise is hardly noise.
-        exceeds_assumption = even > 0.0
+        exceeds_assumption = even_log_variance > 0.0
         if exceeds_assumption or not improves:
             break
         factor *= np.exp(0.5 * fitted.x @ regressors)
@@ -350,7 +354,7 @@ def outliers(observed: Observations, whitened: Array) -> Index:
     """Return the indices of outliers, usually none.
 
     Args:
-        observed: the bench.
+        observed: the readings.
         whitened: residuals of the refitted base model, in deviations, shape (channels, n).
     """
     from scipy.spatial import cKDTree

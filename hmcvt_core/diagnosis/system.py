@@ -69,8 +69,9 @@ class Channel:
         factor: from the value to the printed number.
         digits: decimals of the printed number.
         uncertainty: standard deviation assumed where none is stated, as a part of the reading.
-        relative: whether an unlisted discrepancy in it counts as a part of the reading. The first
-            channel then changes by the same part.
+            Zero says that it is propagated from meters and stays as stated by `least`.
+        relative: whether a discrepancy in it counts as a part of the reading. The first channel
+            then changes by the same part.
         field_spreads: prior standard deviations of a discrepancy that is smooth over the axes,
             equally likely; in the channel's unit, or relative.
         step_spreads: the same for a discrepancy inside a region.

@@ -57,8 +57,8 @@ class PowerFlow(NamedTuple):
         output_speed: y times engine speed, with its sign [rad/s].
         output_power: power that really leaves [W].
         leakage_flow: flow that does not reach the motor [m3/s].
-        torques: by path, before and after each gear pair from the output end back, referred to the
-            shaft at that end (output, motor) or to the engine [N m].
+        torques: by path, before and after each gear pair from the output end back, at the shaft
+            of that end (output, motor, pump) or, for the mechanical path, at the engine [N m].
         pump_pressure: pressure over the pump [Pa]; NaN while only that of the motor is sought, for
             which `torques` holds the paths that it needs.
         engine_power: power that the engine gives [W]; NaN in the same case.

@@ -56,7 +56,7 @@ def measure(
     """
     rng = np.random.default_rng([seed, 7])
     truth = replace(BASE, effects=tuple(effects))
-    efficiency, speed, pressure = truth.readings_at(points)
+    efficiency, speed, pressure = truth.readings_at(points)[:3]
     efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
     if loss is not None:
         efficiency = efficiency - loss(points)

@@ -105,7 +105,7 @@ def test_log_evidence_changes_with_the_weight_of_a_sample_by_its_likelihood():
         columns, target, spread, spread, *(each[0] for each in weighed(0.0))
     )
     slope = (weighed(0.01).log_evidence[0] - weighed(-0.01).log_evidence[0]) / 0.02
-    assert here.likelihoods[0] == pytest.approx(slope, abs=0.01)
+    assert here.log_likelihoods[0] == pytest.approx(slope, abs=0.01)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0, 0.0])

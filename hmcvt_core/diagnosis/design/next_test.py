@@ -286,7 +286,7 @@ def candidates_of(posterior: Posterior) -> list[Candidate]:
     with_gap = 1.0 - posterior.no_gap
     for explanation, probability in posterior.entries:
         part = explanation.explained_fraction(posterior.base_only)
-        rest = NO_GAP if explanation.is_base else UNLISTED
+        rest = NO_GAP if explanation.is_base_discrepancy else UNLISTED
         listed = Label(Kind.LISTED, explanation.names)
         if part:
             _gather(gathered, listed, explanation, with_gap * part * probability)
@@ -305,13 +305,20 @@ def _gather(
     explanation: Explanation,
     probability: float,
 ) -> None:
-    """Add an explanation to the candidate with its label."""
-    first = gathered.get(label, Candidate(label, explanation, 0.0))
-    representative = first.explanation
-    fitting = label.kind is Kind.LISTED
-    if representative.is_listed_set != fitting and explanation.is_listed_set == fitting:
+    """Add an explanation to the candidate with its label.
+
+    The first explanation of the kind that fits the label represents it, or the first of all.
+    """
+    before = gathered.get(label, Candidate(label, explanation, 0.0))
+    representative = before.explanation
+    if not _fits(representative, label) and _fits(explanation, label):
         representative = explanation
-    gathered[label] = Candidate(label, representative, first.probability + probability)
+    gathered[label] = Candidate(label, representative, before.probability + probability)
+
+
+def _fits(explanation: Explanation, label: Label) -> bool:
+    """Whether an explanation has an unlisted loss or none, as its label says."""
+    return explanation.is_listed_set == (label.kind is Kind.LISTED)
 
 
 def _no_gap(posterior: Posterior, base_off: Candidate | None) -> Candidate:

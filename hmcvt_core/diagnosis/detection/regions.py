@@ -44,8 +44,8 @@ def candidate_regions(coordinates: Array) -> Regions:
 
     A corner is one-sided on each axis: high load at low speed, and so on. Edges lie midway between
     neighbouring samples, so a region is as narrow as the data allow. Regions that hold the same
-    samples are listed once, by the narrowest. A region holds at least four samples, and leaves out
-    as many; below 32 samples an eighth of them is enough, down to one.
+    samples are listed once, as the one limited along the fewest axes. A region holds at least four
+    samples, and leaves out as many; below 32 samples an eighth of them is enough, down to one.
 
     Args:
         coordinates: of the samples, shape (axes, n).

@@ -101,6 +101,8 @@ def _left_out_errors(
 def _with_possible_signs(mean: Array, covariance: Array, signs: Array) -> Array:
     """Set sizes of an impossible sign to zero, the other coefficients to their mean given that.
 
+    One size after another, with the covariance as given: exact for a single one.
+
     Args:
         mean: posterior mean, shape (p,).
         covariance: posterior covariance, shape (p, p).

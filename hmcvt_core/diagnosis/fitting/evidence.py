@@ -88,8 +88,9 @@ def model_evidence(
         matrix[:, diagonal, diagonal] += precision
         covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
         mean = ((weights @ cross) @ covariance)[:, 0]
-        fitted = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
-        residual = np.maximum(total + (fitted @ mean[..., None])[..., 0], 1e-12)
+        # |y - J m|^2 = y'y + (J'J m - 2 J'y)'m, from the Gram matrices alone.
+        change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
+        residual = np.maximum(total + (change @ mean[..., None])[..., 0], 1e-12)
         # The part of the noise that the coefficients absorb: trace of J^T J times covariance.
         absorbed = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0]
         previous = noise
@@ -224,7 +225,7 @@ class LinearModel:
         return np.asarray(self.target - self.columns[..., :first] @ self.mean[:first])
 
     @property
-    def likelihoods(self) -> Array:
+    def log_likelihoods(self) -> Array:
         """Posterior mean of the log likelihood of each sample, up to a constant, shape (n,).
 
         The derivative of the log evidence by the weight of the sample, since the noise is at its

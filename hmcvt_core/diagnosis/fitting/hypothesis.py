@@ -153,8 +153,9 @@ class Hypothesis:
         channels: Sequence[Channel],
         predicted: Array,
     ) -> Array:
-        """Return how far readings vary within `Axis.transition_width` of their points.
+        """Return how far readings bend or jump within `Axis.transition_width` of their points.
 
+        The mean of the readings on both sides less the reading: a linear change cancels.
         Served channels barely vary there, so their stated noise is kept.
 
         Args:

@@ -209,11 +209,13 @@ def refit(
 
     Args:
         hypothesis: what is assumed.
-        observed: the bench.
+        observed: the readings.
         start: theta to start from, or its first components; the prior mean if None.
         slopes: approximate `Fit.jacobian` at the start; taken by differences if None.
-        rough: whether to end where an updated Jacobian leads to no better point.
-        noise: variance of each channel, shape (channels,); estimated from the residuals if None.
+        rough: whether to end where an updated Jacobian leads to no better point, once a step has
+            been made or if the next one is negligible.
+        noise: variance of each channel by which it is weighed, shape (channels,); estimated from
+            the residuals if None. `Fit.noise` of the result is estimated in either case.
     """
     theta = _start(hypothesis, start)
     descent = _descend(hypothesis, observed, theta, slopes, rough, noise)
@@ -274,19 +276,20 @@ def _descend(
         search = _NO_STEP
         if not negligible:
             search = line_search(objective, observed, theta, whitened, aim)
-        if search.accepted is not None:
-            step = search.accepted.theta - theta
-            change = whitened - search.accepted.whitened
-            jacobian = broyden_update(jacobian, columns, step, change)
-            theta, whitened = search.accepted
-            is_exact = False
-            has_moved = True
-        elif is_exact or (rough and (negligible or has_moved)):
-            is_stuck = search.lost_answer and not has_moved
-            return _Descent(theta, whitened, jacobian, is_stuck)
-        else:
+        if search.accepted is None:
+            is_good_enough = rough and (negligible or has_moved)
+            if is_exact or is_good_enough:
+                is_stuck = search.lost_answer and not has_moved
+                return _Descent(theta, whitened, jacobian, is_stuck)
             jacobian = _jacobian(hypothesis, observed, theta, whitened)
             is_exact = True
+            continue
+        step = search.accepted.theta - theta
+        change = whitened - search.accepted.whitened
+        jacobian = broyden_update(jacobian, columns, step, change)
+        theta, whitened = search.accepted
+        is_exact = False
+        has_moved = True
     return _Descent(theta, whitened, jacobian, is_stuck=False)
 
 
@@ -363,7 +366,7 @@ def line_search(
 
     Args:
         objective: of the step.
-        observed: the bench.
+        observed: the readings.
         theta: where the step starts, shape (p,).
         whitened: residuals there, shape (channels, n).
         aim: where the whole step ends, shape (p,).
@@ -415,7 +418,7 @@ def restart_from_prior(
 
     Args:
         hypothesis: what is assumed.
-        observed: the bench.
+        observed: the readings.
         noise: variance of each channel where the refit is stuck, shape (channels,).
         rough: as for `refit`.
     """
@@ -525,7 +528,7 @@ def _jacobian(
 
     Args:
         hypothesis: what is fitted.
-        observed: the bench.
+        observed: the readings.
         theta: parameters, shape (p,).
         whitened: residuals there, shape (channels, n).
         which: indices of theta; all if None.

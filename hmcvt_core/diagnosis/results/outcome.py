@@ -138,8 +138,8 @@ class Delivered:
 class ShrinkageSummary:
     """How far the gap shrinks.
 
-    By cross-validation it is that of the leading set, held in every fold; on a holdout that of the
-    model of the first cause.
+    By cross-validation it is that of the leading set, held in every fold; on a holdout that of its
+    served fit.
 
     Attributes:
         before: root of the mean squared error above noise of the base model; 0 where it is below

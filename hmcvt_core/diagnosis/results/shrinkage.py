@@ -201,19 +201,21 @@ def shrinkage(
         seed: of the bootstrap over points.
         significant: whether there is a gap at all; without one `fraction` is None.
         expected: mean squares of the model-averaged gap before and after, shape (2,). Weighted by
-            the noise fraction, they bound G^2 from below: errors within the noise show no gap.
+            the noise fraction, the part of the noise in the squared errors before, they bound G^2
+            from below: errors within the noise show no gap.
     """
     variances = np.broadcast_to(np.square(noise), before.shape)
     squares = np.stack([before**2, after**2], axis=1) - variances[:, None]
-    mean = np.maximum(squares.mean(axis=0), 0.0)
+    measured = np.maximum(squares.mean(axis=0), 0.0)
     variance = np.mean(np.square(noise))
-    mean = np.maximum(mean, expected * variance / max(variance + mean[0], ROUNDING**2))
+    total_before = max(variance + measured[0], ROUNDING**2)
+    gap_squares = np.maximum(measured, expected * variance / total_before)
     fraction = None
     interval = None
-    if significant and mean[0] > 0.0:
-        fraction = float(_fractions(mean[None])[0])
+    if significant and gap_squares[0] > 0.0:
+        fraction = float(_fractions(gap_squares[None])[0])
         interval = _interval(squares, fraction, seed)
-    root_before, root_after = np.sqrt(mean).tolist()
+    root_before, root_after = np.sqrt(gap_squares).tolist()
     return ShrinkageSummary(root_before, root_after, fraction, interval, on)
 
 

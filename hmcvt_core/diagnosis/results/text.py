@@ -35,7 +35,7 @@ REPORTED_SETS = 5
 """Sets in the report: how probable at least, and how many at most."""
 DETAILED_CAUSES = 3
 """Causes that are described in full; the page has all."""
-SETTLED_ERRORS = 2.0
+REPORTED_DRIFT = 2.0
 """Standard errors from which a drift of a base parameter is worth a line."""
 MARGIN = 11
 """Columns of the titles of a report, by which wrapped lines are indented."""
@@ -154,7 +154,7 @@ def _one_cause(cause: Cause) -> list[str]:
         lines.append(f"         {name} = {_parameter_in_words(entry)}")
     for name, change in cause.drift.items():
         errors = change["standard_errors"]
-        if abs(errors) > SETTLED_ERRORS:
+        if abs(errors) > REPORTED_DRIFT:
             lines.append(
                 f"         without it {name} would be {change['without_effect']:.3g} "
                 f"instead of {change['with_effect']:.3g} ({errors:+.1f} standard errors)"

@@ -67,14 +67,15 @@ class Discrepancy:
     def spread(self, *scales: float) -> Array:
         """Return prior standard deviations of the coefficients of a smooth discrepancy.
 
-        They halve with each degree above the first.
+        They are half of the scale, and halve with each degree above the first. Over two axes
+        their squares then sum to the square of the scale.
 
         Args:
             scales: one for each channel, in its unit or relative.
         """
         degree = self.campaign.smooth[1]
-        roughness = 2.0 ** -(degree - 1.0).clip(0.0) / 2.0
-        return np.asarray(np.outer(scales, roughness).ravel())
+        part_of_scale = 0.5 * 2.0 ** -(degree - 1.0).clip(0.0)
+        return np.asarray(np.outer(scales, part_of_scale).ravel())
 
 
 def base_discrepancy(observed: Observations) -> tuple[Discrepancy, Array]:

@@ -78,51 +78,59 @@ class Explanation:
         )
 
     @property
-    def is_base(self) -> bool:
+    def is_base_discrepancy(self) -> bool:
         """Whether it is a base model that is a little off and nothing else."""
-        return (
-            not self.names and self.discrepancy is not None and self.discrepancy.is_base
-        )
+        if self.names or self.discrepancy is None:
+            return False
+        return self.discrepancy.is_base
 
     def explained_fraction(self, base_only: Explanation) -> float:
         """Return how far the listed effects explain the gap, 0 to 1.
 
         Two parts of the squared change from the base model reduce it: what an extra discrepancy
-        contributes beyond what inexact forms may miss, and what the set misses without the bends of
-        its forms.
+        makes, and what the set misses while its forms do not bend. Up to a limit either is due to
+        inexact forms.
 
         Args:
             base_only: the base model alone.
         """
         if not self.names or self.fit.hypothesis.reversed_sign:
             return 0.0
-        observed = self.fit.observed
+        extra_part, missed_part = self._parts_not_explained(base_only)
+        without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
+        by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
+        return float(without_extra * by_forms)
+
+    def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
+        """Return the parts of the squared change by an extra discrepancy, and that the set misses.
+
+        What the set misses has two measures, of which the smaller counts: the part that the bends
+        of its forms make, and the part of the reduction of squares that it does not reach alone.
+
+        Args:
+            base_only: the base model alone.
+        """
         theta_count = len(self.fit.theta)
         extra_count = self.plain_model.columns.shape[-1] - theta_count
-        without_extra = self.model.columns.shape[-1] - extra_count
-        base_functions = len(observed.channels) * len(observed.smooth[1])
-        without_bends = theta_count + base_functions
+        allowance_end = self.model.columns.shape[-1] - extra_count
+        observed = self.fit.observed
+        bends_begin = theta_count + len(observed.channels) * len(observed.smooth[1])
 
+        # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
-        of_base = base_only.fit.whitened / deviation
-        of_all = self.model.residual() / deviation
-        of_allowances = self.model.residual(without_extra) / deviation
-        of_exact_forms = self.model.residual(without_bends) / deviation
-        of_set_alone = self.plain_model.residual(theta_count) / deviation
+        base = base_only.fit.whitened / deviation
+        set_alone = self.plain_model.residual(theta_count) / deviation
+        with_base_allowance = self.model.residual(bends_begin) / deviation
+        with_bends = self.model.residual(allowance_end) / deviation
+        complete = self.model.residual() / deviation
 
-        remaining = np.sum(of_all**2)
-        total_change = np.sum((of_base - of_all) ** 2) + LEAST_SQUARE_PART
-        reduction = max(np.sum(of_base**2) - remaining, LEAST_SQUARE_PART)
-        extra_part = np.sum((of_allowances - of_all) ** 2) / total_change
-        bends_part = np.sum((of_exact_forms - of_allowances) ** 2) / total_change
-        not_reduced_part = (np.sum(of_set_alone**2) - remaining) / reduction
-        missed_part = min(bends_part, not_reduced_part)
-
-        without_extra_factor = np.interp(
-            extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET
-        )
-        by_forms_factor = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
-        return float(without_extra_factor * by_forms_factor)
+        remaining = np.sum(complete**2)
+        total_change = np.sum((base - complete) ** 2) + LEAST_SQUARE_PART
+        reduction = max(np.sum(base**2) - remaining, LEAST_SQUARE_PART)
+        extra_part = np.sum((with_bends - complete) ** 2) / total_change
+        bends_part = np.sum((with_base_allowance - with_bends) ** 2) / total_change
+        not_reduced_part = (np.sum(set_alone**2) - remaining) / reduction
+        return float(extra_part), float(min(bends_part, not_reduced_part))
 
     def prediction_at(
         self, points: Observations, with_allowances: bool = False

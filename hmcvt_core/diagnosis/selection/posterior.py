@@ -88,7 +88,9 @@ class Posterior:
     @cached_property
     def misfit(self) -> float:
         """Probability that the base model is a little off and nothing else."""
-        return sum(p for explanation, p in self.entries if explanation.is_base)
+        return sum(
+            p for explanation, p in self.entries if explanation.is_base_discrepancy
+        )
 
     @cached_property
     def effects(self) -> dict[str, float]:
@@ -216,6 +218,7 @@ def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Wei
     """Return sets with an unlisted discrepancy: smooth, or inside a box."""
     extended = []
     for explanation, log_weight in sets:
+        # With the log form prior, which the log weight of a set includes.
         log_prior_of_set = log_weight - explanation.log_evidence
         for family in (
             smooth_discrepancies(explanation),
@@ -290,7 +293,7 @@ def _bagged(
     """Return posterior probabilities averaged over campaigns drawn from the samples.
 
     Near the real campaign, log evidence is linear in how often each sample counts, with the
-    slopes `LinearModel.likelihoods`.
+    slopes `LinearModel.log_likelihoods`.
 
     Args:
         explanations: that compete.
@@ -312,6 +315,6 @@ def _bagged(
     extra_counts[:, order] = extra_counts.copy()
     slopes = []
     for explanation in explanations:
-        slopes.append(explanation.model.likelihoods)
+        slopes.append(explanation.model.log_likelihoods)
     log_posterior = log_weights + extra_counts @ np.stack(slopes, axis=1)
     return np.asarray(softmax(log_posterior, axis=1).mean(axis=0))

@@ -32,21 +32,22 @@ class LogFormPrior:
 
     Attributes:
         all_forms: over all forms.
-        free_shapes: over the forms that differ in what a refit with free shapes does not change.
+        fixed_parts: over what remains to choose once shapes are free, each at its best shapes: the
+            form, and the shapes that are never free.
     """
 
     all_forms: float = 0.0
-    free_shapes: float = 0.0
+    fixed_parts: float = 0.0
 
     def times(self, other: LogFormPrior) -> LogFormPrior:
         """Return the log form prior of the effects of both."""
         return LogFormPrior(
-            self.all_forms + other.all_forms, self.free_shapes + other.free_shapes
+            self.all_forms + other.all_forms, self.fixed_parts + other.fixed_parts
         )
 
     def once_free(self) -> LogFormPrior:
         """Return the log form prior once the shapes have been fitted."""
-        return LogFormPrior(self.free_shapes, self.free_shapes)
+        return LogFormPrior(self.fixed_parts, self.fixed_parts)
 
 
 class Proposal(NamedTuple):
@@ -226,10 +227,11 @@ def _log_form_priors(
     log_form_priors = {}
     for names, by_fixed_part in grouped.items():
         every = list(itertools.chain(*by_fixed_part.values()))
-        best_shapes = [max(values) for values in by_fixed_part.values()]
-        best = max(best_shapes)
+        best_of_fixed_parts = [max(values) for values in by_fixed_part.values()]
+        best = max(best_of_fixed_parts)
         log_form_priors[names] = LogFormPrior(
-            float(log_mean(every) - best), float(log_mean(best_shapes) - best)
+            all_forms=float(log_mean(every) - best),
+            fixed_parts=float(log_mean(best_of_fixed_parts) - best),
         )
     return log_form_priors
 

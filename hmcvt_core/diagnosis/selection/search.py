@@ -290,17 +290,14 @@ class _Search:
                 other_forms.append(proposal)
         forms = _with_signatures_at(rest, other_forms)[:EXCHANGED_FORMS]
         exchanged = _with_signatures_at(rest, other_effects[:PROPOSED_FORMS])
-        best: tuple[Explanation, LogFormPrior] | None = None
-        best_log_evidence = -float("inf")
+        refitted: list[tuple[Explanation, LogFormPrior]] = []
         for proposal in (*forms, *exchanged[:EXCHANGED_EFFECTS]):
-            explanation = explain(proposal.refit())
             prior = proposal.log_form_prior.times(log_form_prior)
-            log_evidence = explanation.log_evidence + prior.all_forms
-            if best is None or log_evidence > best_log_evidence:
-                best = (explanation, prior)
-                best_log_evidence = log_evidence
-        if best is not None:
-            explanation, prior = best
+            refitted.append((explain(proposal.refit()), prior))
+        if refitted:
+            explanation, prior = max(
+                refitted, key=lambda pair: pair[0].log_evidence + pair[1].all_forms
+            )
             self.candidates.refit_with_free_shapes(explanation.fit, prior)
 
     def refit_leaders_exactly(self) -> None:
@@ -362,5 +359,8 @@ def _promising(proposals: Sequence[Proposal]) -> list[Proposal]:
 
 
 def _least_gain(best: float) -> float:
-    """Return the gain in log evidence above which a candidate is kept, given the best."""
+    """Return the gain in log evidence above which a candidate is kept, given the best.
+
+    A part of a negative best would lie above it.
+    """
     return min(NEAR_BEST_PART * best, best) - NEAR_BEST_MARGIN
