@@ -116,7 +116,9 @@ def test_a_power_without_unit_is_asked(hmcvt, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["HP", "High pressure", "System pressure"])
+@pytest.mark.parametrize(
+    "name", ["HP", "High pressure", "System pressure", "Barometric_Pressure"]
+)
 def test_the_pressure_of_one_side_is_no_difference(hmcvt, tmp_path, name):
     columns = {**COLUMNS, f"{name} [bar]": 25.0 + LOAD}
     assert imported(hmcvt, tmp_path, columns=columns).code == 0

@@ -90,6 +90,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "remaining operation betriebsstunden air luft intake manifold charge_air "
         "predicted prediction simulated simulation sim model modelled nominal nenn rated "
         "electric electrical elektrisch electrique "
+        "barometric barometer atmospheric atmosphere luftdruck "
         "torsional weather humidity tyre tire reifen reference ref",
     }
 )
