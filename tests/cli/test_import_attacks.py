@@ -116,6 +116,17 @@ def test_a_power_without_unit_is_asked(hmcvt, tmp_path):
     )
 
 
+def test_turns_per_second_are_offered(hmcvt, tmp_path):
+    columns = replaced("Input speed [rpm]", "Input speed [Hz]", ENGINE / 60.0)
+    done = imported(hmcvt, tmp_path, columns=columns)
+    answer = "Input speed [Hz]:turn/s"
+    assert done.code == 2 and answer in done.err, done
+    done = imported(hmcvt, tmp_path, "--engine-speed", answer, columns=columns)
+    assert done.code == 0, done
+    speed = read_bench(tmp_path / "bench.csv").engine_speed
+    assert speed == pytest.approx(ENGINE * RPM, rel=1e-4)
+
+
 @pytest.mark.parametrize(
     "name", ["HP", "High pressure", "System pressure", "Barometric_Pressure"]
 )

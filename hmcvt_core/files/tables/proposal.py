@@ -441,6 +441,8 @@ def _question(
         if quantity == "stamp" and "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
         choices: tuple[str, ...] = units[:2]
+        if "radians or turns" in best.doubt:
+            choices = ("rad/s", "turn/s")
         if quantity == "stamp" and "day and month" in best.doubt:
             choices = ("dmy", "mdy")
         elif quantity == "stamp":
