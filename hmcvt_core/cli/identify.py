@@ -206,7 +206,8 @@ def _answer(
             records = common.sample_records(result.model, held, held_numbers)
             if result is best:
                 lines += ["held back:", common.sample_table(records)]
-        values.append({**result.to_dict(), "held_back": records})
+        aside = [fitted_numbers[position - 1] for position in result.set_aside]
+        values.append({**result.to_dict(), "set_aside": aside, "held_back": records})
     if out is not None:
         lines.append(f"written to {out}")
     if len(tried) == 1:

@@ -52,6 +52,11 @@ _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
+_FEWEST_AVERAGED = 3
+_FEWEST_MEAN_COLUMNS = 3
+_MEAN_WIDTH = 2e-3
+"""Part of the spread of a column by which its mean is rounded; three columns at once meet it by
+chance in fewer than one of a million tables."""
 _MOST_SHOWN = 20  # rows in one message
 STATISTIC = re.compile(
     r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|"
@@ -488,6 +493,21 @@ def _repeated_rows(table: RawTable) -> dict[int, str]:
     return repeated
 
 
+def _is_mean_of_rows_above(table: RawTable) -> bool:
+    """Return whether the last row is the mean of all others, in columns enough to tell."""
+    compared = 0
+    for name, cells in table.columns.items():
+        values = read_numbers(cells, table.styles[name].comma).values
+        above = values[:-1]
+        spread = np.ptp(above) if len(above) >= _FEWEST_AVERAGED else 0.0
+        if not np.isfinite(values).all() or spread == 0.0:
+            continue
+        if abs(values[-1] - above.mean()) > _MEAN_WIDTH * spread:
+            return False
+        compared += 1
+    return compared >= _FEWEST_MEAN_COLUMNS
+
+
 def _summary_rows(table: RawTable) -> dict[int, str]:
     """Return rows of means, maxima and the like."""
     summaries: dict[int, str] = {}
@@ -499,4 +519,6 @@ def _summary_rows(table: RawTable) -> dict[int, str]:
         for number, cell in zip(table.rows, cells, strict=True):
             if cell in statistics:
                 summaries.setdefault(number, f"{cell!r} is no test")
+    if _is_mean_of_rows_above(table):
+        summaries.setdefault(table.rows[-1], "is the mean of the rows above")
     return summaries

@@ -192,11 +192,17 @@ class Identification:
         if "test" in samples.extra:
             names = samples.extra["test"]
             head = "test"
-        yield f"  {head:>6}  displacement  engine      load    measured  predicted"
-        yield "            ratio [-]  [rad/s]     [N m]         [-]        [-]"
+        stages = samples.stage
+        heading = "" if stages is None else f"{'stage':>7}"
+        below = " " * len(heading)
+        yield (
+            f"  {head:>6}{heading}  displacement  engine      load    measured  predicted"
+        )
+        yield f"        {below}    ratio [-]  [rad/s]     [N m]         [-]        [-]"
         for i, measured in enumerate(samples.efficiency):
+            engaged = "" if stages is None else f"{stages[i]:>7}"
             yield (
-                f"  {names[i]:>6}  {samples.displacement_ratio[i]:12.3f}  "
+                f"  {names[i]:>6}{engaged}  {samples.displacement_ratio[i]:12.3f}  "
                 f"{samples.engine_speed[i]:7.2f} {samples.load_torque[i]:9.2f}  "
                 f"{measured:10.4f} {measured + self.residuals[i]:10.4f}"
             )

@@ -81,11 +81,12 @@ def set_aside_remarks(
     for i in aside[:_MOST_NAMED]:
         name = f"sample {i + 1}"
         if samples.rows:
-            name = f"row {samples.rows[i]} (sample {i + 1})"
-        remarks.append(
-            f"{name} is set aside: it reads {samples.efficiency[i]:.4g}, the rest of "
-            f"the samples say {expected[i]:.4g}"
-        )
+            name = f"row {samples.rows[i]}"
+        said = f"the rest of the samples say {expected[i]:.4g}"
+        if not np.isfinite(expected[i]):
+            said = "the model of the rest has no answer at it"
+        reading = f"{samples.efficiency[i]:.4g}"
+        remarks.append(f"{name} is set aside: it reads {reading}, {said}")
     if len(aside) > _MOST_NAMED:
         remarks.append(
             f"{len(aside) - _MOST_NAMED} more samples are set aside like these"

@@ -328,6 +328,7 @@ class Stage:
             "output_member": "",
         }
         if on_row:
+            _require_row(said, where)
             row = entry.get("planetary_row")
             made["planetary_constant"] = file.section("planetary_rows").number(row)
         for key in _PATHS if on_row else _PATHS[1:]:
@@ -455,6 +456,16 @@ def speed_ratio(
     )
     fixed = 0.0 if stage.layout == "output_coupled" else stage.mechanical_speed_ratio
     return (fixed + share * engine) / (1.0 - share * output)
+
+
+def _require_row(said: Mapping[Any, Any], where: str) -> None:
+    """Say how a stage is written that has neither a row nor a mechanical path."""
+    if "planetary_row" in said or "mechanical" in said:
+        return
+    raise InputError(
+        f"{where}planetary_row is missing; there is {', '.join(map(str, said))}; a stage "
+        "without a row needs layout: hydrostatic"
+    )
 
 
 def _members_of(layout: str) -> dict[str, str]:

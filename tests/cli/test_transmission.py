@@ -36,6 +36,14 @@ def test_a_wrong_stage_leaves_no_file(hmcvt, tmp_path):
     assert not path.exists()
 
 
+def test_a_stage_without_a_row_is_hydrostatic(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    stage = "H0 pump=4 motor=-5 output=-6,11"
+    assert_refused(hmcvt(*arguments(path), "--stage", stage), "layout: hydrostatic")
+    hydrostatic = stage.replace("H0", "H0 layout=hydrostatic")
+    assert hmcvt(*arguments(path), "--stage", hydrostatic).code == 0
+
+
 def test_check_draws_the_power_paths(hmcvt, tmp_path):
     picture = tmp_path / "paths.svg"
     done = hmcvt("transmission", "check", SHIPPED, "--picture", picture)

@@ -8,6 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+from hmcvt_core.identification.set_aside import set_aside_remarks
 
 TRUTH = hmcvt.HydraulicParameters(1.5e-11, 0.11, 0.105)
 NOISE = 0.006
@@ -76,7 +77,7 @@ def test_the_command_names_the_row(hm4, tmp_path):
     file = tmp_path / "bench.csv"
     hmcvt.write_bench(file, with_reading(campaign(hm4), 7, 0.57))
     text = run("identify", file).out
-    assert "note: row 9 (sample 8) is set aside: it reads 0.57, the rest" in text
+    assert "note: row 9 is set aside: it reads 0.57, the rest" in text
     data = run("identify", file, "--json").json
     assert data["set_aside"] == [8]
 
@@ -97,3 +98,18 @@ def test_stated_noise_is_the_deviation_of_the_samples(hm4, tmp_path):
     data = run("identify", file, "--noise", "0.02", "--json").json
     entry = data["parameters"]["leakage"]
     assert entry["standard_error"] == pytest.approx(fit.standard_errors["leakage"])
+
+
+def test_a_sample_without_an_answer_is_named_in_words(hm4):
+    samples = replace(campaign(hm4, count=3), rows=(2, 3, 4))
+    expected = np.array([0.8, np.nan, 0.7])
+    (remark,) = set_aside_remarks(samples, np.array([1]), expected)
+    assert remark.startswith("row 3 is set aside: it reads ")
+    assert remark.endswith("the model of the rest has no answer at it")
+
+
+def test_numbers_set_aside_count_in_the_file(hm4, tmp_path):
+    path = tmp_path / "bench.csv"
+    hmcvt.write_bench(path, with_reading(campaign(hm4), 7, 0.05))
+    done = run("identify", path, "--fit", "3-40", "--json")
+    assert done.code == 0 and done.json["set_aside"] == [8]

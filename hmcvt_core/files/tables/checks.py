@@ -38,6 +38,9 @@ _LEAST_PRESSURE = 1e6
 """Pressure in Pa that some test of a hydrostatic unit exceeds; its charge pressure is higher."""
 _LEAST_EFFICIENCY = 0.3
 """Median efficiency that a bench exceeds; a wrong unit by 9.55 or 10 makes 0.1 of 0.8."""
+_LEAST_ENGINE_SPEED = 60.0
+"""Engine speed in rad/s that some test exceeds: 573 r/min, below the idle of a tractor's engine;
+turns per second stay below it."""
 _LEAST_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
@@ -145,6 +148,7 @@ def implausible(
     """
     limits = (
         ("displacement_ratio", _LEAST_STROKE, "is it a fraction, not percent?"),
+        ("engine_speed", _LEAST_ENGINE_SPEED, "does it count turns per second?"),
         ("load_torque", _LEAST_TORQUE, "is it in kN m, or 1.050 a thousand?"),
         ("pressure", _LEAST_PRESSURE, "is it in bar or MPa?"),
     )

@@ -156,6 +156,8 @@ def parsed(cell: str, comma: bool) -> tuple[float, str]:
         return value, ""
     number = hit[1]
     unit = ""
+    if hit[2] == "-" and cell[-2].isdigit():
+        return math.nan, ""  # some programs write a minus behind the number
     if hit[2]:
         known = unit_of(hit[2])
         if known is None:

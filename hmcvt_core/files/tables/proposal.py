@@ -6,6 +6,7 @@ second one of equal rank, a side that is not said, a unit that is not known or a
 read in two ways is a question, with the option that answers it.
 """
 
+import re
 import shlex
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from .header import RawTable
 from .numbers import finite_share, read_numbers
 from .rules import SHAFT_KINDS, Meaning, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
-from .units import UNITS, kind_of, to_si, unit_of
+from .units import UNITS, kind_of, plain_text, to_si, unit_of
 
 RANGES: Mapping[str, Range] = {
     **{column.name: column for column in BENCH_COLUMNS},
@@ -43,12 +44,15 @@ _SPARE = (
     "load_torque",
     "output_torque",
 )
-# Largest size of values that a unit makes likely where nothing names it; the sizes in between of
-# power and torque are asked.
+# Sizes of values that a unit makes likely where nothing names it; smaller torques are asked, and
+# powers, since PS and hp are near kW.
 _RAD_PER_S_UP_TO = 320.0
-_KW_UP_TO = 200.0
-_W_FROM = 2000.0
 _NM_FROM = 60.0
+_PERCENT_FROM = 60.0
+"""Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
+_ANGLE = re.compile(
+    r"alpha|angle|angul|swash|swivel|schwenk|winkel|plateau|\u659c\u76d8|\u89d2"
+)
 _DECIMALS = ("--decimal point", "--decimal comma")
 _LONG_TABLE = 30
 """Rows from which a time without a unit is asked, since the table may be a recording."""
@@ -233,6 +237,7 @@ def propose(
             questions[quantity] = question
     _same_speed_units(proposed, given, questions)
     _assign_sides(candidates, proposed, given, questions, notes)
+    _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
     doubtful = {name for name in spares if name in questions}
     spares = {name: spares[name] for name in spares if name not in doubtful}
@@ -285,6 +290,8 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     elif meaning.unknown and why in ("cells", "range", ""):
         words = ", ".join(map(repr, meaning.unknown))
         doubt = f"{words} in column {name!r} is not known"
+    if quantity == "displacement_ratio" and why == "range":
+        doubt = doubt or _stroke_doubt(name, numbers.values)
     if style.doubtful:
         doubt = f"column {name!r}: {style.doubtful!r} can be read in two ways"
     if not unit and not doubt:
@@ -297,6 +304,16 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         fits = limits is not None and bool(limits.contains(values).mean() > 0.5)
     rank = _rank(fits, meaning, why != "range")
     return _Candidate(name, quantity, unit, why, rank, doubt, numbers.values), ""
+
+
+def _stroke_doubt(name: str, values: Array) -> str:
+    """Return why numbers of a stroke without unit may be neither a fraction nor percent."""
+    largest = float(np.nanmax(np.abs(values)))
+    if largest <= 1.5:
+        return ""
+    if largest < _PERCENT_FROM or _ANGLE.search(plain_text(name).lower()):
+        return f"column {name!r} names no unit and may hold an angle or a length"
+    return ""
 
 
 def _merge_decimals(questions: dict[str, Question]) -> None:
@@ -352,10 +369,6 @@ def _unit(
         return ("rad/s" if size <= _RAD_PER_S_UP_TO else "rpm"), "range", ""
     if kind == "torque" and size > _NM_FROM:
         return "N m", "range", ""
-    if kind == "power" and size <= _KW_UP_TO:
-        return "kW", "range", ""
-    if kind == "power" and size >= _W_FROM:
-        return "W", "range", ""
     return "", "", ""
 
 
@@ -428,6 +441,8 @@ def _question(
         if quantity == "stamp" and "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
         choices: tuple[str, ...] = units[:2]
+        if "radians or turns" in best.doubt:
+            choices = ("rad/s", "turn/s")
         if quantity == "stamp" and "day and month" in best.doubt:
             choices = ("dmy", "mdy")
         elif quantity == "stamp":
@@ -490,6 +505,34 @@ def _same_speed_units(
             f"column {output.name!r} names no unit", answers
         )
     proposed["output_speed"] = output._replace(unit=engine.unit)
+
+
+def _ask_torque_of_load(
+    proposed: Mapping[str, Column],
+    given: Mapping[str, Column],
+    questions: dict[str, Question],
+) -> None:
+    """Ask whether the torque of the load is that at the output shaft.
+
+    A bench says "load torque" of its load machine; bench samples refer it to the engine. Only
+    an efficiency beside an input decides, which the checks look at.
+    """
+    column = proposed.get("load_torque")
+    known = {*proposed, *given}
+    decided = "efficiency" in known and bool(known & set(INPUTS))
+    if column is None or "output_speed" not in known or decided:
+        return
+    if column.name == "load_torque" or "load_torque" in questions:
+        return
+    answers = tuple(
+        option(quantity, column.name, column.unit)
+        for quantity in ("output_torque", "load_torque")
+    )
+    text = (
+        f"column {column.name!r} may be the torque at the output shaft, or output power / "
+        "engine speed"
+    )
+    questions["load_torque"] = Question(text, answers)
 
 
 def _assign_sides(

@@ -142,9 +142,14 @@ def split_rows(text: str, separator: str, source: str) -> list[list[str]]:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
     reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     try:
-        return [[cell.strip() for cell in row] for row in reader]
+        return [[_plain_minus(cell.strip()) for cell in row] for row in reader]
     except csv.Error as error:
         raise InputError(f"{source}: not CSV: {error}") from None
+
+
+def _plain_minus(cell: str) -> str:
+    """Write a typographic minus or a dash in front of a number as the sign that Python reads."""
+    return re.sub(r"^[\u2212\u2013](?=[\d.,])", "-", cell)
 
 
 def is_spreadsheet(path: Path) -> bool:

@@ -65,14 +65,17 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "standardabweichung",
         "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
         "hydrauliktank oeltank \u6cb9",
+        "pump": "pump pumpe pompe pompa bomba",
+        "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
+        "alta baja bassa system",
         "feed": "feed boost speise speisedruck lade ladedruck fuelldruck",
         "neutral": "of the at and de du des del di la le les el il der die das am pro "
         "shaft welle arbre albero eje value values val wert mean average avg mittel "
         "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
         "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
-        "gearbox getriebe trans cvt hmcvt pump pumpe pompe pompa bomba angular plate "
+        "gearbox getriebe trans cvt hmcvt angular plate "
         "position pos angle winkel relative norm normalized percent delta d diff "
-        "difference differential hydraulic hydraulisch hydr hyd system sys degree grad "
+        "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
         "elapsed test abs absolute lokal utc sec \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
         "\u53d8\u901f\u7bb1 \u673a\u68b0 bench pruefstand x",
         "other": "loss losses verlust verluste perte perdida perdita fuel kraftstoff "
@@ -85,6 +88,9 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
         "carrier number nr nummer no count start stop end duration dauer operating "
         "remaining operation betriebsstunden air luft intake manifold charge_air "
+        "predicted prediction simulated simulation sim model modelled nominal nenn rated "
+        "electric electrical elektrisch electrique "
+        "barometric barometer atmospheric atmosphere luftdruck "
         "torsional weather humidity tyre tire reifen reference ref",
     }
 )
@@ -115,6 +121,16 @@ _GERMANIC_KINDS = frozenset(
 _OIL_PLACES = frozenset(
     {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
 )
+
+_PORTS = frozenset({"a", "b", "port"})
+"""Beside a pressure these words name one port of the hydrostatic units."""
+_OF_THE_HYDRAULICS = frozenset(
+    {
+        *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
+        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
+    }
+)
+"""Beside a power or an efficiency these words name the hydraulic path alone."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -157,10 +173,10 @@ class Rule(NamedTuple):
 
 RULES = (
     Rule("efficiency_std", "efficiency", needs=("std",)),
-    Rule("efficiency", "efficiency", excludes=("std",)),
+    Rule("efficiency", "efficiency", excludes=("std", "pump", "engine")),
     Rule("displacement_ratio", "stroke", excludes=("std",)),
     Rule("oil_temperature", "temperature", excludes=("std", "engine")),
-    Rule("pressure", "pressure", excludes=("std", "feed", "engine", "oil")),
+    Rule("pressure", "pressure", excludes=("std", "feed", "engine", "oil", "output")),
     Rule("stamp", "time", excludes=("std", "engine")),
     Rule("stage", "stage", excludes=("std",)),
     Rule("engine_speed", "speed", "engine", excludes=("std",)),
@@ -406,6 +422,10 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
             strange.append(word)
     if kind in ("pressure", "temperature") and "charge" in lowered:
         means.add("feed")
+    if kind == "pressure" and not _PORTS.isdisjoint(lowered):
+        means.add("one_side")
+    if kind in ("power", "efficiency") and not _OF_THE_HYDRAULICS.isdisjoint(lowered):
+        means.add("other")
     # A temperature of the gearbox or the hydraulics is that of their oil.
     if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
         means.add("oil")
@@ -425,6 +445,8 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
             return f"any_{kind}", ""
         if len(sides) > 1:
             return f"any_{kind}", "names two sides of the transmission"
+    if kind == "pressure" and "one_side" in means and not _says_difference(words):
+        return "", "it may be the pressure of one side, not high minus low"
     if kind == "temperature":
         several = len([word for word in words if word.isalpha()]) > 1
         if "oil" not in means and several:
@@ -440,6 +462,12 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
             continue
         return rule.quantity, ""
     return "", ""
+
+
+def _says_difference(words: list[str]) -> bool:
+    """Return whether a name says that it is a difference, as in `system dp`."""
+    text = " ".join(words).lower()
+    return re.search(r"\b(d|dp|delta\w*|diff\w*)\b", text) is not None
 
 
 def names_quantity(cell: str) -> str:
