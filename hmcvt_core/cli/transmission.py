@@ -47,8 +47,8 @@ def _named_number(text: str) -> tuple[str, float]:
     "new",
     """
   hmcvt transmission new my_gears.yaml
-  hmcvt transmission new my_gears.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 --gear-pair 4=0.678 \\
-      --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 --planetary-row k1=2.56 \\
+  hmcvt transmission new my_gears.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 \\
+      --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 --planetary-row k1=2.56 \\
       --stage "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring\"""",
 )
 @click.argument("out", metavar="T.yaml", type=common.OutputFile())
@@ -157,7 +157,7 @@ def _asked_stages() -> tuple[str, ...]:
 @common.command(
     "check",
     """
-  hmcvt transmission check params/tractor.yaml
+  hmcvt transmission check params/transmission.yaml
   hmcvt transmission check my_transmission.yaml --picture paths.svg --json""",
     common.picture_option,
 )
