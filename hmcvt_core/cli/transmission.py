@@ -48,7 +48,8 @@ def _named_number(text: str) -> tuple[str, float]:
     """
   hmcvt transmission new my_gears.yaml
   hmcvt transmission new my_gears.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 \\
-      --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 --planetary-row k1=2.56 \\
+      --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 \\
+      --planetary-row k1=2.56 \\
       --stage "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring\"""",
 )
 @click.argument("out", metavar="T.yaml", type=common.OutputFile())
