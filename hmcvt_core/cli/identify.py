@@ -15,7 +15,6 @@ from ..identification.refit import refit
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
 from ..report.pictures import draw_fit, save
-from ..transmission.stage import Stage
 from . import common
 from .common import Answer
 
@@ -51,7 +50,9 @@ def _sample_numbers(text: str) -> list[int]:
   hmcvt identify data/table2.csv
   hmcvt identify data/table2.csv --fit 1,2,4-6 --out params/mine.yaml --picture fit.png
   hmcvt identify data/simulated.csv --hold-back 0.3
-  hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97""",
+  hmcvt identify data/table2.csv --noise 0.8%
+  hmcvt identify data/table2.csv --formulation published --gear-efficiency 0.98,0.97
+  hmcvt identify bench.csv --transmission my_transmission.yaml""",
     common.model_options,
     common.effects_option,
     common.noise_option,
@@ -128,7 +129,6 @@ def command(
     fitted = samples.select(np.array(fitted_numbers) - 1)
     held = samples.select(np.array(held_numbers) - 1) if held_numbers else None
     stages, _ = common.gear_train(params, transmission, stage)
-    stages = _occurring(stages, samples)
 
     tried = []
     with common.Progress("annealing") as progress:
@@ -173,18 +173,6 @@ def _fitted_numbers(
         held_count = min(count - 1, max(1, round(hold_back * count)))
     order = np.random.default_rng(seed).permutation(count) + 1
     return sorted(order[held_count:].tolist())
-
-
-def _occurring(stages: Sequence[Stage], samples: BenchSamples) -> list[Stage]:
-    """Put the stages of the samples first, in the order in which the file lists them.
-
-    The first stage names the model where only one is shown.
-    """
-    names = samples.points.stage
-    if names is None:
-        return list(stages)
-    present = set(names.tolist())
-    return sorted(stages, key=lambda stage: stage.name not in present)
 
 
 def _answer(

@@ -21,7 +21,13 @@ _STAGE_EXAMPLE = (
 )
 
 
-@click.group("transmission")
+@click.group(
+    "transmission",
+    epilog="""\b
+Examples:
+  hmcvt transmission new my_gears.yaml
+  hmcvt transmission check my_transmission.yaml""",
+)
 def group() -> None:
     """Write a transmission file from gear ratios, and check one."""
 
@@ -40,9 +46,10 @@ def _named_number(text: str) -> tuple[str, float]:
 @common.command(
     "new",
     """
-  hmcvt transmission new T.yaml
-  hmcvt transmission new T.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 --gear-pair 4=0.678 \\
-      --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 --planetary-row k1=2.56 \\
+  hmcvt transmission new my_gears.yaml
+  hmcvt transmission new my_gears.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 \\
+      --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 \\
+      --planetary-row k1=2.56 \\
       --stage "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring\"
   hmcvt transmission new H0.yaml --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 8=2.767 \\
       --stage "H0 layout=hydrostatic pump=4 motor=-5 output=-8\"""",
@@ -154,7 +161,7 @@ def _asked_stages() -> tuple[str, ...]:
     "check",
     """
   hmcvt transmission check params/transmission.yaml
-  hmcvt transmission check T.yaml --picture paths.svg --json""",
+  hmcvt transmission check my_transmission.yaml --picture paths.svg --json""",
     common.picture_option,
 )
 @click.argument("transmission", metavar="[T.yaml]", required=False)

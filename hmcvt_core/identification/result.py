@@ -72,6 +72,14 @@ class Identification:
         return dict(self.model.standard_errors)
 
     @property
+    def stages(self) -> list[str]:
+        """Stages that the samples are of, in the order of the parameter file."""
+        names = self.samples.points.stage
+        if names is None:
+            return [self.model.stage.name]
+        return [name for name in self.model.stages if name in names]
+
+    @property
     def correlation(self) -> Array:
         """Correlation of the parameters, shape (3, 3)."""
         return np.asarray(self.model.correlation)
@@ -81,11 +89,21 @@ class Identification:
         save_model(self.model, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the outcome as plain data for JSON."""
-        pairs = self.model.stage.gear_pairs
-        data: dict[str, Any] = {
+        """Return the outcome as plain data for JSON.
+
+        `stage` is the first of `stages`, those that the samples are of.
+        """
+        efficiencies: set[float] = set()
+        stages: dict[str, Any] = {}
+        for name in self.stages:
+            pairs = self.model.stages[name].stage.gear_pairs
+            efficiencies |= {pair.efficiency for pair in pairs}
+            errors = self.alone.get(name, self.standard_errors)
+            stages[name] = {"standard_errors": dict(errors)}
+        return {
             "formulation": self.model.formulation,
-            "stage": self.model.stage.name,
+            "stage": self.stages[0],
+            "stages": stages,
             "parameters": self.model.to_mapping()["parameters"],
             "correlation": self.correlation.tolist(),
             "samples": len(self.samples),
@@ -99,14 +117,8 @@ class Identification:
             "set_aside": list(self.set_aside),
             "residuals": self.residuals.tolist(),
             "warnings": list(self.warnings),
-            "gear_efficiency": sorted({pair.efficiency for pair in pairs}),
+            "gear_efficiency": sorted(efficiencies),
         }
-        if self.alone:
-            data["stages"] = {
-                name: {"standard_errors": dict(errors)}
-                for name, errors in self.alone.items()
-            }
-        return data
 
     def plot(self, holdout: BenchSamples | None = None, *, ax: Any = None) -> Any:
         """Draw measured over predicted efficiency.
@@ -138,11 +150,9 @@ class Identification:
 
     def _result_lines(self) -> Iterator[str]:
         model = self.model
-        names = f"stage {model.stage.name}"
-        if self.alone:
-            names = f"stages {', '.join(self.alone)}"
+        noun = "stage" if len(self.stages) == 1 else "stages"
         yield (
-            f"{model.formulation}, {names}: fitted to {len(self.samples)} "
+            f"{model.formulation}, {noun} {', '.join(self.stages)}: fitted to {len(self.samples)} "
             f"samples, {self.objective_name} = {self.objective:.6g}"
         )
         yield (

@@ -106,6 +106,15 @@ def stages_of(samples: Any) -> list[str]:
     return list(dict.fromkeys(map(str, stage)))
 
 
+def main_stage(samples: Any) -> str | None:
+    """Return the stage with most samples; None where they name none."""
+    stages = stages_of(samples)
+    if not stages:
+        return None
+    names = [str(name) for name in samples.extra["stage"]]
+    return max(stages, key=names.count)
+
+
 def in_words(
     diagnosis: Diagnosis, samples: Any, values: Array, rows: Rows
 ) -> list[str]:

@@ -9,7 +9,7 @@ from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from .axes import MOST, columns
-from .gap_map import gap_map
+from .gap_map import gap_map, stage_of_map
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
 
@@ -22,6 +22,7 @@ __all__ = [
     "residual_table",
     "residuals",
     "stage_head",
+    "stage_of_map",
     "stage_rows",
     "stage_watts",
     "test_rows",

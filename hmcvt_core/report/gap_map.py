@@ -15,7 +15,7 @@ from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..diagnosis.system import Axis
 from ..transmission.ranges import Array
-from .axes import Rows, in_words, picked, scale_of, shown, stages_of
+from .axes import Rows, in_words, main_stage, picked, scale_of, shown, stages_of
 from .style import BLUE, GAP_COLOURS, INK, ORANGE, few_ticks, icon, styled, to_svg
 
 Figures = tuple[list[str], list[tuple[str, str]]]
@@ -135,7 +135,11 @@ def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
 def _title(diagnosis: Diagnosis) -> str:
     source = str(diagnosis.samples.source).rsplit("/", 1)[-1]
     stages = stages_of(diagnosis.samples)
-    machine = f"{source}, stage {', '.join(stages)}" if stages else source
+    machine = source
+    if len(stages) == 1:
+        machine = f"{source}, stage {stages[0]}"
+    elif stages:
+        machine = f"{source}, stages {', '.join(stages)}"
     return f"{machine}: {words.mechanic(diagnosis)}"
 
 
@@ -174,6 +178,7 @@ def _draw(
 def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
     """Return the estimated gap over two axes, at the median of the samples along the others.
 
+    Of several stages, it holds in the one with most samples.
     None where the samples have one value along an axis, or the model has no answer.
     """
     lines = []
@@ -192,6 +197,9 @@ def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
     for axis, values in zip(view, grid, strict=True):
         coordinates[axis.name] = values
         shown_grid.append(values * scale_of(axis).factor)
+    stage = stage_of_map(diagnosis)
+    if stage is not None:
+        coordinates["stage"] = list(diagnosis.base.stages).index(stage)
     mean, deviation = diagnosis.gap_at(**coordinates)
     if not np.isfinite(mean).any():
         return None
@@ -202,6 +210,13 @@ def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
         np.ma.masked_invalid(factor * mean),
         np.ma.masked_invalid(factor * deviation),
     )
+
+
+def stage_of_map(diagnosis: Diagnosis) -> str | None:
+    """Return the stage that the maps show, where the samples are of several."""
+    if len(stages_of(diagnosis.samples)) < 2:
+        return None
+    return main_stage(diagnosis.samples)
 
 
 def _reach(diagnosis: Diagnosis, estimates: Sequence[Estimate | None]) -> float:
@@ -235,11 +250,18 @@ def _draw_estimate(
         hatches=["///"],
     )
     bar = axes.figure.colorbar(
-        filled, ax=axes, location="top", pad=0.03, aspect=40, format="%+.3g"
+        filled, ax=axes, location="top", pad=0.03, aspect=40, format=_signed
     )
     bar.locator = _few_values()
     bar.update_ticks()
     bar.set_label(f"estimated gap [{diagnosis.channel.unit}]", labelpad=10.0)
+
+
+def _signed(value: float, _: int) -> str:
+    """Return a value of the colour bar with its sign; matplotlib adds its position."""
+    if abs(value) < 1e-9:
+        return "0"
+    return f"{value:+.3g}".replace("-", words.MINUS)
 
 
 def _few_values() -> Any:
@@ -288,7 +310,7 @@ def _legend(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         (f"this size: {half}", "below", (_SMALL_MARK + _LARGE_MARK) / 2.0),
     ]
     if diagnosis.where:
-        entries.append(("numbered places of the table below", "place", _LEGEND_MARK))
+        entries.append(("numbered regions of the table below", "place", _LEGEND_MARK))
     legend = []
     for number, (text, kind, height) in enumerate(entries):
         draw = partial(_scatter, kind=kind, points=[[0.5, 0.5]], heights=height)

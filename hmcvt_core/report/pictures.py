@@ -128,20 +128,15 @@ def draw_fit(
         aspect="equal",
         xlabel="predicted efficiency [%]",
         ylabel="measured efficiency [%]",
-        title=f"Measured against predicted, {_stages(fit.samples, fit.model)}\n{errors}",
+        title=f"Measured against predicted, {_stages(fit)}\n{errors}",
     )
     ax.legend(loc="upper left")
 
 
-def _stages(samples: BenchSamples, model: EfficiencyModel) -> str:
+def _stages(fit: Identification) -> str:
     """Return in words which stages the samples are of."""
-    names = samples.points.stage
-    if names is None:
-        return f"stage {model.stage.name}"
-    present = [name for name in model.stages if name in names]
-    if len(present) == 1:
-        return f"stage {present[0]}"
-    return f"stages {', '.join(present)}"
+    noun = "stage" if len(fit.stages) == 1 else "stages"
+    return f"{noun} {', '.join(fit.stages)}"
 
 
 def _draw_samples(

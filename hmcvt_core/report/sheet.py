@@ -64,7 +64,7 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     for paragraph in next_step:
         lines_below += len(textwrap.wrap(paragraph, _COLUMNS)) + 0.4
     bottom = 0.06 + _LINE * lines_below
-    picture_height = min(height - bottom - 0.12, 0.42)
+    picture_height = min(height - bottom - 0.135, 0.42)
     sizes: dict[Any, Any] = {
         "font.size": _FONT,
         "axes.titlesize": _FONT,
@@ -74,10 +74,10 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     }
     with mpl.rc_context(sizes):
         axes = figure.add_axes(
-            (_LEFT + 0.06, height - picture_height - 0.02, 0.74, picture_height)
+            (_LEFT + 0.06, height - picture_height - 0.035, 0.74, picture_height)
         )
         draw_view(axes, diagnosis, _best_view(diagnosis))
-    height = height - picture_height - 0.09
+    height = height - picture_height - 0.105
     height = _write(
         figure,
         height,
@@ -124,7 +124,18 @@ def _next_step(diagnosis: Diagnosis) -> list[str]:
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]
-    return diagnosis.advice.report().splitlines()
+    return _paragraphs(diagnosis.advice.report())
+
+
+def _paragraphs(text: str) -> list[str]:
+    """Return the paragraphs of a wrapped text, whose further lines are indented."""
+    paragraphs: list[str] = []
+    for line in text.splitlines():
+        if line.startswith(" ") and paragraphs:
+            paragraphs[-1] += f" {line.strip()}"
+        else:
+            paragraphs.append(line)
+    return paragraphs
 
 
 def _best_view(diagnosis: Diagnosis) -> View:

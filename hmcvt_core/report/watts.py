@@ -13,7 +13,7 @@ from ..diagnosis.results import text as words
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM, Array
-from .axes import stages_of
+from .axes import main_stage, stages_of
 from .losses import Balance, lost_power, scale, stack, worth_drawing
 from .style import few_ticks, icon, loss_style, styled, to_svg
 
@@ -28,7 +28,7 @@ def watts(diagnosis: Diagnosis) -> dict[str, Any]:
         watts before and after over the points that both models answer, NaN if there is none, the
         total last; `shares`: whether every effect added takes watts itself.
     """
-    stage = _main_stage(diagnosis)
+    stage = main_stage(diagnosis.samples) or str(diagnosis.base.stage.name)
     base = diagnosis.base.in_stage(stage)
     model = diagnosis.model.in_stage(stage)
     samples = _of_stage(diagnosis.samples, stage)
@@ -87,15 +87,6 @@ def _mean_loss(model: EfficiencyModel, stage: str, samples: BenchSamples) -> flo
     )
     known = np.asarray(loss)[np.isfinite(loss)]
     return float(known.mean()) if len(known) else float("nan")
-
-
-def _main_stage(diagnosis: Diagnosis) -> str:
-    """Return the stage with most samples."""
-    stages = stages_of(diagnosis.samples)
-    if not stages:
-        return str(diagnosis.base.stage.name)
-    names = [str(name) for name in diagnosis.samples.extra["stage"]]
-    return max(stages, key=names.count)
 
 
 def _of_stage(samples: Any, stage: str) -> Any:

@@ -379,3 +379,10 @@ def test_oil_temperature_that_is_assumed_is_told(hmcvt, model, tmp_path, command
     assert "60 deg C" in hmcvt(*command, "--params", warm).err
     if command[0] in ("predict", "breakdown"):
         assert hmcvt(*command, "--params", warm, "--oil-temperature", "40").err == ""
+
+
+def test_spaced_and_inverse_units_of_speed(hmcvt):
+    rest = ("--displacement-ratio", "0.5", "--load-torque", "200", "--json")
+    reference = hmcvt("predict", "--engine-speed", "1400rpm", *rest).json
+    for text in ("1400 1/min", "1400 rpm", "1400 r/min"):
+        assert hmcvt("predict", "--engine-speed", text, *rest).json == reference

@@ -4,6 +4,7 @@
 import os
 import re
 import shlex
+import shutil
 
 import pytest
 
@@ -117,3 +118,19 @@ def test_effects_of_an_installed_package(worked, tmp_path):
         process("predict", TABLE2, "--params", tmp_path / "flap.yaml", env=env),
         "cannot be loaded: broken_effects (ModuleNotFoundError",
     )
+
+
+def test_fleet_loads_the_effects_in_its_workers(worked, tmp_path):
+    folder, _ = worked
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for name in ("one.csv", "two.csv"):
+        shutil.copy(folder / "valve.csv", logs / name)
+    (line,) = re.findall(r"^    (hmcvt fleet .*)", PAGE, re.MULTILINE)
+    done = here(
+        tmp_path,
+        f"{line} --params {folder / 'valve.yaml'} --no-diagnose --processes 2 --json",
+    )
+    assert done.code == 0, done.err
+    for name in ("one.yaml", "two.yaml"):
+        assert "relief_valve" in (tmp_path / "fitted" / name).read_text()

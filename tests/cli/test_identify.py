@@ -4,10 +4,11 @@
 import pathlib
 
 import pytest
+import yaml
 
 import hmcvt_core as hmcvt_library
 
-from .running import HM4, ROOT, TABLE2, process
+from .running import HM4, ROOT, TABLE2, assert_refused, process
 
 SIMULATED = str(ROOT / "data" / "simulated.csv")
 SPLIT = ("--fit", "1,2,4-6")
@@ -122,3 +123,30 @@ def test_other_transmission(hmcvt, tmp_path):
     assert shipped["samples"] == 8
     assert shipped["prediction_error"] is None and shipped["held_back"] == []
     assert value["parameters"] != shipped["parameters"]
+
+
+def test_all_stages_of_a_transmission(hmcvt, tmp_path):
+    tractor = yaml.safe_load((HM4.parent / "tractor.yaml").read_text())
+    train = {"schema": "hmcvt-transmission/1", "name": "tractor"}
+    made = tmp_path / "stages.yaml"
+    made.write_text(yaml.safe_dump({**train, **tractor["transmission"]}))
+    rows = pathlib.Path(SIMULATED).read_text().splitlines()[:25]
+    bench = tmp_path / "bench.csv"
+    bench.write_text(
+        "\n".join([f"{rows[0]},stage", *(f"{row},HM4" for row in rows[1:])])
+    )
+    fit = hmcvt("identify", bench, "--transmission", made, "--json").json
+    # Stages of the samples, not the first one of the file.
+    assert fit["stage"] == "HM4" and list(fit["stages"]) == ["HM4"]
+    rows[1:] = [f"{row},{'HM3' if n % 2 else 'HM4'}" for n, row in enumerate(rows[1:])]
+    bench.write_text("\n".join([f"{rows[0]},stage", *rows[1:]]))
+    fit = hmcvt("identify", bench, "--transmission", made, "--json").json
+    assert fit["stage"] == "HM3" and list(fit["stages"]) == ["HM3", "HM4"]
+    errors = fit["stages"]["HM3"]["standard_errors"]
+    assert errors["leakage"] > fit["parameters"]["leakage"]["standard_error"]
+    assert "stages HM3, HM4: fitted to 24 samples" in (
+        hmcvt("identify", bench, "--transmission", made).out
+    )
+    assert_refused(
+        hmcvt("identify", bench, "--transmission", made, "--stage", "HM9"), "HM9", "HM4"
+    )

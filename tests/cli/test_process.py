@@ -50,7 +50,7 @@ def test_help_loads_no_command_of_ours_and_names_those_of_ros():
         for name in ("common", "progress", "quantities", "samples")
     }
     assert re.search(
-        r"^  import-bag  turn a recorded bag \(rosbag2\) into bench samples$",
+        r"^  import-bag +turn a recorded bag \(rosbag2\) into bench samples$",
         done.stdout,
         re.MULTILINE,
     )
@@ -81,12 +81,13 @@ def test_commands_of_another_package(hmcvt, other_package):
     assert hmcvt("predict", *POINT).out.startswith("efficiency ")
     shown = hmcvt("--help")
     assert (shown.code, shown.err) == (0, "")
+    lines = [" ".join(line.split()) for line in shown.out.splitlines()]
     for line in (
-        "greet       say hello",
-        "needy       (cannot be loaded: other_needy:command)",
-        "absent      (cannot be loaded: other:absent)",
+        "greet say hello",
+        "needy (cannot be loaded: other_needy:command)",
+        "absent (cannot be loaded: other:absent)",
     ):
-        assert f"\n  {line}\n" in shown.out
+        assert line in lines
     assert_refused(
         hmcvt("needy"),
         "command needy (other_needy:command) cannot be loaded: "
@@ -139,7 +140,7 @@ def test_link_stays_a_link(hmcvt, tmp_path):
     ids=" ".join,
 )
 def test_what_a_command_reads_is_not_written_over(hmcvt, tmp_path, arguments):
-    path, link = tmp_path / "bench.svg", tmp_path / "link.svg"
+    path, link = tmp_path / "bench.html", tmp_path / "link.html"
     path.write_bytes(Path(TABLE2).read_bytes())
     link.symlink_to(path)
     given = [str(word).format(path) for word in arguments]

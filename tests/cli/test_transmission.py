@@ -3,7 +3,7 @@
 
 import pytest
 
-from .running import HM4, ROOT, assert_refused
+from .running import HM4, ROOT, assert_refused, process
 
 PAIRS = {"2": 0.969, "3": 1.484, "4": 0.678, "5": 1.96, "6": 0.982, "11": 0.823}
 STAGE = "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring"
@@ -83,3 +83,12 @@ def test_reports_have_a_format(hmcvt, tmp_path):
         hmcvt("diagnose", "x.csv", "--report", tmp_path / "r.txt"),
         "r.txt: a report ends in .html, .pdf",
     )
+
+
+def test_what_is_not_stated_is_asked(tmp_path):
+    """The answers come line by line on stdin; an empty one goes on."""
+    pairs = [f"{name}={ratio}" for name, ratio in PAIRS.items()]
+    answers = "\n".join([*pairs, "", "k1=2.56", "", STAGE, "", ""])
+    done = process("transmission", "new", tmp_path / "T.yaml", input=answers)
+    assert done.code == 0, done.err
+    assert "HM4" in done.out and (tmp_path / "T.yaml").is_file()

@@ -17,7 +17,9 @@ from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
 from hmcvt_core.physics.effects.mechanical import ChargePump
-from hmcvt_core.report import html
+from hmcvt_core.report import html, write_report
+from hmcvt_core.report.gap_map import estimate, views
+from hmcvt_core.report.residuals import stage_rows
 
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import Layout, clicked, laid_out
@@ -379,7 +381,7 @@ def test_next_tests_come_in_both_units_of_speed_and_implausible_sizes_are_tagged
 ):
     assert re.search(r"0\.50 1432 150\.0 300 3\b", text("hostile"))
     assert (
-        "A channel that is not logged yet : tells churning from charge pump."
+        "A channel that is not logged yet : distinguishes churning from charge pump."
         in text("hostile")
     )
     assert "implausible size" in text("hostile")
@@ -398,9 +400,9 @@ def test_every_cause_says_what_it_is_not_told_from() -> None:
         twins = [words.plain(twin) for twin in cause.indistinguishable_from]
         assert article.startswith(words.plain(cause.effect))
         assert (
-            f"Not told from {words.listed(twins)}, by these data" in article
+            f"Confounded with {words.listed(twins)}, by these data" in article
         ) == bool(twins)
-    assert "Not told from" not in text("cause_found")
+    assert "Confounded with" not in text("cause_found")
 
 
 def test_watts_stack_up_to_the_loss_of_the_model_and_stalls_are_named() -> None:
@@ -459,3 +461,57 @@ def test_measures_see_a_broken_page_and_nothing_else_is_complained_of(
         "hostile"
     ) and "default-src 'none'" in page("hostile")
     assert layout.console and all("127.0.0.1:9" in line for line in layout.console)
+
+
+def test_map_shows_the_gap_with_its_uncertainty() -> None:
+    for view in views(diagnosis("ambiguous")):
+        drawn = figure(
+            "ambiguous", f"map-{view[0].name}-{view[1].name}".replace("_", "-")
+        )
+        assert "estimated gap [points]" in drawn and "<pattern" in drawn  # hatches
+        gap = estimate(diagnosis("ambiguous"), view)
+        assert gap is not None and (gap.deviation > 0.0).all()
+    assert "hatched: less than two standard deviations" in text("ambiguous")
+
+
+@functools.cache
+def of_stages() -> Diagnosis:
+    tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+    worn = replace(tractor, effects=(ChargePump(8.0),))
+    rng = np.random.default_rng(0)
+    stage = np.array(["HM3"] * 16 + ["HM4"] * 24)
+    stroke = rng.uniform(-1.0, 1.0, 40)
+    speed = rng.uniform(80.0, 220.0, 40)
+    load = rng.uniform(80.0, 350.0, 40)
+    efficiency = worn.efficiency(stroke, speed, load, stage=stage)
+    samples = hmcvt.BenchSamples(
+        displacement_ratio=stroke,
+        engine_speed=speed,
+        load_torque=load,
+        efficiency=efficiency + 0.004 * rng.standard_normal(40),
+        extra={"stage": stage},
+    )
+    return hmcvt.diagnose(tractor, samples, noise=0.004)
+
+
+def test_page_and_report_of_several_stages() -> None:
+    found = of_stages()
+    shown = html(found)
+    rows = stage_rows(found)
+    assert [row[:2] for row in rows] == [("HM3", "16"), ("HM4", "24")]
+    assert all(cell in shown for row in rows for cell in row)
+    assert shown.count("<h3>By stage</h3>") == 2  # residuals, watts
+    assert ", in stage HM4. Each" in " ".join(shown.split())
+    lines = found.report().splitlines()
+    assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
+    assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)
+
+
+def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:
+    path = tmp_path / "report.pdf"
+    write_report(diagnosis("ambiguous"), path)
+    content = path.read_bytes()
+    assert content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")
+    assert len(re.findall(rb"/Type /Page\b", content)) == 1
+    with pytest.raises(hmcvt.InputError, match=r"report\.txt: a report ends in"):
+        write_report(diagnosis("ambiguous"), tmp_path / "report.txt")

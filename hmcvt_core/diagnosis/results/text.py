@@ -8,9 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ..design.advice import Advice, NextTest, point_in_words
 from ..design.advice import named as named
 from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..system import Array
 from ..wording import AT_MOST as AT_MOST
 from ..wording import MINUS as MINUS
 from ..wording import NOTHING as NOTHING
@@ -51,6 +54,7 @@ def report(outcome: Outcome) -> str:
         "",
         *_gap_lines(outcome),
         *_region_lines(outcome),
+        *_stage_lines(outcome),
         *_cause_lines(outcome),
         *_test_lines(outcome),
     ]
@@ -121,6 +125,37 @@ def _region_row(region: Region, outcome: Outcome) -> list[str]:
         str(region.samples),
         chance(region.p_value),
     ]
+
+
+def _stage_lines(outcome: Outcome) -> list[str]:
+    """Return a line for the residuals of each stage; none where all samples are of one."""
+    column = getattr(outcome.judged, "extra", {}).get("stage")
+    if column is None:
+        return []
+    stage = np.array([str(name) for name in column])
+    names = list(dict.fromkeys(stage.tolist()))
+    if len(names) == 1:
+        return []
+    lines = []
+    for name in names:
+        before = outcome.residuals_before[stage == name]
+        after = outcome.residuals_after[stage == name]
+        title = "stages" if name == names[0] else ""
+        line = f"{title:<{MARGIN}}{name}: {len(before)} samples, {_residuals(outcome, before)}"
+        if outcome.verdict != "no_gap":
+            line += f"; with the leading set {_residuals(outcome, after)}"
+        lines.append(line)
+    return lines
+
+
+def _residuals(outcome: Outcome, residuals: Array) -> str:
+    """Return mean and rms of residuals in words."""
+    known = residuals[np.isfinite(residuals)]
+    if len(known) == 0:
+        return "no answer of the model"
+    mean = amount(outcome, float(known.mean()), sign=True)
+    rms = amount(outcome, float(np.sqrt(np.mean(known**2))))
+    return f"mean {mean}, rms {rms}"
 
 
 def _cause_lines(outcome: Outcome) -> list[str]:
