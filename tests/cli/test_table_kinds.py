@@ -208,3 +208,18 @@ def test_text_in_a_column_of_time_is_refused(hmcvt, tmp_path):
         done.code == 2
         and "'day 5 at 10:59:50.000' cannot be read as a time" in done.err
     )
+
+
+def test_one_quantity_in_two_units_is_no_question(hmcvt, tmp_path):
+    raw = tmp_path / "raw.csv"
+    out = tmp_path / "bench.csv"
+    rows = ["stroke [%],eps [-],n_engine [rpm],load torque [N m],eta [-]"]
+    for percent, fraction in ((-73, -0.73), (20, 0.2), (90, 0.9)):
+        rows.append(f"{percent},{fraction},1500,150.0,0.7")
+    raw.write_text("\n".join(rows))
+    assert hmcvt("import", raw, "--out", out, "--yes").code == 0
+    assert core.read_bench(out).displacement_ratio.tolist() == [-0.73, 0.2, 0.9]
+
+    raw.write_text("\n".join([*rows[:-1], "90,0.8,1500,150.0,0.7"]))
+    done = hmcvt("import", raw, "--out", out, "--yes")
+    assert done.code == 2 and "both name displacement ratio" in done.err

@@ -50,6 +50,8 @@ _KW_UP_TO = 200.0
 _W_FROM = 2000.0
 _NM_FROM = 60.0
 _DECIMALS = ("--decimal point", "--decimal comma")
+_SAME = 1e-9
+"""Part by which one value in two units differs at most, by rounding of floating point."""
 _LONG_TABLE = 30
 """Rows from which a time without a unit is asked, since the table may be a recording."""
 
@@ -450,7 +452,7 @@ def _question(
 
 
 def _equal(one: _Candidate, other: _Candidate) -> bool:
-    """Return whether two columns hold the same values in the same unit."""
+    """Return whether two columns hold the same values, each in its unit."""
     if one.values is None or other.values is None:
         return False
     if one.quantity == "stamp":
@@ -460,9 +462,16 @@ def _equal(one: _Candidate, other: _Candidate) -> bool:
                 rising, other.values - other.values[0], atol=0.5, equal_nan=True
             )
         )
-    return one.unit == other.unit and bool(
-        np.array_equal(one.values, other.values, equal_nan=True)
-    )
+    if one.unit == other.unit:
+        return np.array_equal(one.values, other.values, equal_nan=True)
+    if not one.unit or not other.unit:
+        return False
+    kind = kind_of(one.quantity)
+    in_si = []
+    for candidate in (one, other):
+        size, zero = to_si(kind, candidate.unit)
+        in_si.append(size * (candidate.values - zero))
+    return np.allclose(*in_si, rtol=_SAME, atol=0.0, equal_nan=True)
 
 
 def _same_speed_units(
