@@ -71,6 +71,24 @@ class RawTable:
             styles={**dict.fromkeys(names, Style(False)), **self.styles},
         )
 
+    def with_joined(self, first: str, second: str, cells: Sequence[str]) -> "RawTable":
+        """Return the table with one column in place of two.
+
+        Args:
+            first, second: columns; the new one is named by both.
+            cells: of the new column.
+        """
+        name = f"{first} {second}"
+        columns: dict[str, Sequence[str]] = {}
+        for old, old_cells in self.columns.items():
+            if old == first:
+                columns[name] = cells
+            elif old != second:
+                columns[old] = old_cells
+        return replace(
+            self, columns=columns, styles={**self.styles, name: Style(False)}
+        )
+
 
 def read_table(
     path: str | os.PathLike[str],

@@ -85,11 +85,12 @@ def decimal_styles(
     if decimal is not None:
         return dict.fromkeys(columns, Style(decimal == "comma"))
     joined = {name: _without_blanks("\n".join(c)) for name, c in columns.items()}
-    commas = {name for name, text in joined.items() if _COMMA.search(text)}
-    points = {name for name, text in joined.items() if _POINT.search(text)}
+    commas = _matching(_COMMA, joined)
+    points = _matching(_POINT, joined)
     has_comma = any("," in text for text in joined.values())
     plain = comma_separated and not has_comma
     table_decides = plain or bool(commas) != bool(points)
+    of_table = Style(bool(commas) and not points)
     styles = {}
     for name, text in joined.items():
         if name in commas and name in points:
@@ -98,10 +99,15 @@ def decimal_styles(
         elif name in commas or name in points:
             styles[name] = Style(name in commas)
         elif table_decides:
-            styles[name] = Style(bool(commas) and not points)
+            styles[name] = of_table
         else:
             styles[name] = _doubtful_style(_EITHER.search(text))
     return styles
+
+
+def _matching(pattern: re.Pattern[str], joined: Mapping[str, str]) -> set[str]:
+    """Return the names of the columns with a cell of a pattern."""
+    return {name for name, text in joined.items() if pattern.search(text)}
 
 
 def _doubtful_style(cell: re.Match[str] | None) -> Style:

@@ -111,12 +111,14 @@ class Proposal:
         spares: proposed for quantities that others already give, to be compared with them.
         questions: to be answered before the proposal may be taken.
         notes: columns that were left aside, with the reason.
+        assumed: units of torques and powers that nothing states.
     """
 
     columns: dict[str, Column]
     spares: dict[str, Column]
     questions: tuple[Question, ...]
     notes: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
 
 class _Candidate(NamedTuple):

@@ -170,6 +170,37 @@ def _first_unread(cells: Sequence[str], values: Array) -> str:
     return ""
 
 
+def joined_stamps(dates: Sequence[str], clocks: Sequence[str]) -> list[str] | None:
+    """Join a column of dates and one of times of day to a column of both.
+
+    Args:
+        dates: cells without a time of day; a spreadsheet writes midnight behind them.
+        clocks: cells with hours, minutes and seconds.
+
+    Returns:
+        None where the cells are of another form, or fall by a day where only the clock passes
+        midnight.
+    """
+    joined = []
+    for date_cell, clock in zip(dates, clocks, strict=True):
+        day = date_cell.removesuffix(" 00:00:00")
+        if not_available(day) or not_available(clock):
+            joined.append("")
+            continue
+        dated = _DATED.fullmatch(day)
+        daytime = _DAYTIME.fullmatch(clock)
+        if dated is None or dated["clock"] is not None or daytime is None:
+            return None
+        if daytime["clock"].count(":") < 2 and daytime["half"] is None:
+            return None
+        joined.append(f"{day} {clock}")
+    seconds = read_times(joined, "", False).seconds
+    known = seconds[np.isfinite(seconds)]
+    if np.any(np.diff(known) < -_DAY / 2.0):
+        return None
+    return joined
+
+
 def _past_midnight(seconds: Array) -> Array:
     """Let times of day go on rising after midnight."""
     falls = np.diff(seconds, prepend=seconds[:1]) < -_DAY / 2.0
