@@ -9,6 +9,8 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +35,7 @@ from .tables.proposal import (
     propose,
 )
 from .tables.rules import meaning_of
-from .tables.stamps import read_times
+from .tables.stamps import joined_stamps, read_times
 from .tables.units import UNITS, kind_of, to_si, unit_of
 
 __all__ = [
@@ -134,13 +136,65 @@ def choose_columns(
         table = read_table(path, names, header_row, sheet, decimal)
     missing = [name for name in constants if name not in table.columns]
     table = table.with_constants(missing)
+    if "stamp" in columns and _bare_name(columns["stamp"]) not in table.columns:
+        table = _with_joined_stamp(table, columns)
     named = {
         quantity: named_column(quantity, text, table)
         for quantity, text in columns.items()
     }
+    proposal = Proposal(named, {}, (), ())
     if guess and _lacking(named, table, ()):
-        return table, propose(table, named, averaged)
-    return table, Proposal(named, {}, (), ())
+        if "stamp" not in named:
+            table = _with_joined_stamp(table, columns)
+        proposal = propose(table, named, averaged)
+    assumed = _assumed_units(proposal.columns, columns, table)
+    return table, replace(proposal, assumed=tuple(assumed))
+
+
+def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
+    """Return the table with its column of dates and its column of times of day as one.
+
+    Args:
+        table: as text.
+        columns: `COLUMN` or `COLUMN:UNIT` that the user named; a named column stays.
+    """
+    named = {_bare_name(text) for text in columns.values()}
+    of_time = []
+    for name in table.columns:
+        meaning = meaning_of(name, table.units.get(name, ""))
+        if meaning.quantity == "stamp" and name not in named:
+            of_time.append(name)
+    for day, clock in permutations(of_time, 2):
+        joined = joined_stamps(table.columns[day], table.columns[clock])
+        if joined is not None:
+            return table.with_joined(day, clock, joined)
+    return table
+
+
+def _assumed_units(
+    columns: Mapping[str, Column], texts: Mapping[str, str], table: RawTable
+) -> list[str]:
+    """Say of which torques and powers neither the table nor the user states the unit.
+
+    Args:
+        columns: by quantity, named or proposed.
+        texts: `COLUMN` or `COLUMN:UNIT` that the user named, by quantity.
+        table: where they stand.
+    """
+    notes = []
+    for quantity, column in columns.items():
+        if kind_of(quantity) not in ("torque", "power"):
+            continue
+        name = column.name
+        if quantity in texts and texts[quantity].strip() != name:
+            continue  # the user states it
+        stated = meaning_of(name, table.units.get(name, "")).unit
+        if stated is not None and stated.name != "-":
+            continue
+        comma = table.styles[name].comma
+        if not read_numbers(table.columns[name], comma).units:
+            notes.append(f"unit assumed: {column.unit} (column {name!r} names none)")
+    return notes
 
 
 def _bare_name(text: str) -> str:
@@ -177,29 +231,22 @@ def import_table(
             missing or given twice, values contradict each other, it is a recording whose stamps
             are not named, or rows hold no test: all are named.
     """
-    columns = dict(proposal.columns)
-    lacking = _lacking(columns, table, proposal.notes)
+    lacking = _lacking(proposal.columns, table, proposal.notes)
     if lacking:
         raise InputError(lacking)
+    columns = dict(proposal.columns)
     _refuse_shared_columns(columns, table)
     extra = _extra_columns(columns, table)
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
-    values = {
-        quantity: _values(quantity, column, table)
-        for quantity, column in columns.items()
-    }
-    notes = list(proposal.notes)
+    values = _all_values(columns, table)
     if not averaged:
-        if "stamp" in values and is_recording(values["stamp"], values):
-            return _from_recording(values, columns, proposal, extra, table, unchecked)
         if "stamp" not in values:
             _refuse_recording(table, values)
+        elif is_recording(values["stamp"], values):
+            return _from_recording(values, columns, proposal, extra, table, unchecked)
+    notes = [*proposal.notes, *proposal.assumed]
     notes += _drop_empty(values, columns, table)
-    spares = {
-        quantity: _values(quantity, column, table)
-        for quantity, column in proposal.spares.items()
-    }
     stated = dict(values)
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
@@ -209,25 +256,40 @@ def import_table(
     left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
     if left_out and not (skip_bad and kept):
         raise InputError(f"{table.source}: {_rows_message(left_out)}")
-    taken = {name: column[kept] for name, column in values.items()}
+    taken = _rows(values, kept)
     if not unchecked:
-        first = {name: column[kept] for name, column in stated.items()}
-        second = {name: column[kept] for name, column in spares.items()}
-        _refuse_contradictions(first, second, taken, columns, table)
+        spares = _rows(_all_values(proposal.spares, table), kept)
+        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table)
+    return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+
+
+def _bench(
+    taken: Mapping[str, Array],
+    extra: Mapping[str, Sequence[str]],
+    kept: Sequence[int],
+    table: RawTable,
+) -> BenchSamples:
+    """Return bench samples of the rows that are kept."""
     samples: dict[str, Any] = {name: taken[name] for name in _KEPT if name in taken}
-    return Imported(
-        BenchSamples(
-            **samples,
-            extra={
-                name: tuple(cells[index] for index in kept)
-                for name, cells in extra.items()
-            },
-            source=table.source,
-            sha256=table.sha256,
-        ),
-        left_out,
-        tuple(notes),
+    kept_extra = {}
+    for name, cells in extra.items():
+        kept_extra[name] = tuple(cells[index] for index in kept)
+    return BenchSamples(
+        **samples, extra=kept_extra, source=table.source, sha256=table.sha256
     )
+
+
+def _all_values(columns: Mapping[str, Column], table: RawTable) -> dict[str, Array]:
+    """Return the SI values of columns by quantity, NaN where a cell holds no number."""
+    values = {}
+    for quantity, column in columns.items():
+        values[quantity] = _values(quantity, column, table)
+    return values
+
+
+def _rows(values: Mapping[str, Array], kept: Sequence[int]) -> dict[str, Array]:
+    """Return the values of the rows that are kept."""
+    return {name: column[kept] for name, column in values.items()}
 
 
 def _refuse_shared_columns(columns: Mapping[str, Column], table: RawTable) -> None:
@@ -399,10 +461,7 @@ def _from_recording(
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
     if not unchecked:
-        spares = {
-            quantity: _values(quantity, column, table)
-            for quantity, column in proposal.spares.items()
-        }
+        spares = _all_values(proposal.spares, table)
         _refuse_contradictions(values, spares, values, columns, table)
     windows = cut(values, extra, table.source)
     if not unchecked:
@@ -411,7 +470,7 @@ def _from_recording(
     samples = BenchSamples(
         **windows.columns, extra=stages, source=table.source, sha256=table.sha256
     )
-    notes = [*proposal.notes, *windows.notes]
+    notes = [*proposal.notes, *proposal.assumed, *windows.notes]
     if table.broken:
         first = min(table.broken)
         notes.append(

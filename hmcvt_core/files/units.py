@@ -97,6 +97,9 @@ _SIZED_SPEED = (
     15.0  # m/s, speed x displacement^(1/3): makers' limits lie between 3 and 10
 )
 _LEAST_PRESSURE = 1e6  # Pa: no unit's tests end below
+_AGREEMENT = 0.05
+"""Part by which flow and torque may differ from those of the efficiencies in the median: class A
+meters differ by 1 %, and a wrong unit or displacement by more."""
 TELLING = 1e5
 """Pressure below which a mechanical efficiency tells no torque [Pa]."""
 
@@ -236,7 +239,63 @@ def read_unit(
         _require_in_place(samples, *(values[name] for name in _EFFICIENCIES))
     flow_loss = _flow_loss(samples, values)
     torque_loss = _torque_loss(samples, values, flow_loss)
-    return replace(samples, flow_loss=flow_loss, torque_loss=torque_loss)
+    samples = replace(samples, flow_loss=flow_loss, torque_loss=torque_loss)
+    _refuse_other_routes(samples, cells, units)
+    return samples
+
+
+def _refuse_other_routes(
+    samples: UnitSamples, cells: Table, units: Mapping[str, str]
+) -> None:
+    """Compare measured flow and torque with those that the efficiencies give.
+
+    Raises:
+        InputError: the two differ in the median by more than `_AGREEMENT`.
+    """
+    present = cells.columns.keys()
+    if set(_MEASURED).isdisjoint(present):
+        return
+    sign = sign_of(samples.kind)
+    loaded = samples.pressure > TELLING
+    flow, torque = samples.ideal + np.array([[-sign], [sign]]) * samples.losses
+    power = flow * samples.pressure
+    shaft_power = torque * samples.speed
+    second = {
+        "flow": flow,
+        "torque": torque,
+        "volumetric_efficiency": (flow / samples.ideal[0]) ** sign,
+        "mechanical_efficiency": _efficiency(samples.ideal[1], torque, sign),
+        "overall_efficiency": _efficiency(power, shaft_power, sign),
+    }
+    for name, values in second.items():
+        if name not in present or any(not cell for cell in cells.columns[name]):
+            continue
+        stated = _in_si(name, cells, units)
+        usable = loaded & (stated > 0.0) & (values > 0.0)
+        if not usable.any():
+            continue
+        ratio = float(np.median(stated[usable] / values[usable]))
+        if abs(np.log(ratio)) > _AGREEMENT:
+            raise InputError(
+                f"{cells.source}: {name} is {ratio:.3g} times that by the other columns: "
+                "a column, a unit, or the displacement is wrong"
+            )
+
+
+def _efficiency(useful: Array, spent: Array, sign: float) -> Array:
+    """Return the efficiency of a pump (sign 1), whose motor works the other way."""
+    ratio = np.divide(
+        useful, spent, out=np.full_like(useful, np.nan), where=spent > 0.0
+    )
+    return np.asarray(ratio**sign)
+
+
+def _in_si(name: str, cells: Table, units: Mapping[str, str]) -> Array:
+    size = 1.0
+    zero = 0.0
+    if units[name]:
+        size, zero = to_si(_QUANTITIES[name], units[name])
+    return np.asarray(size * (cells.numbers(name) - zero))
 
 
 def _read(path: str | os.PathLike[str]) -> tuple[Table, dict[str, str]]:
@@ -358,10 +417,7 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
     optional = [n for n in ("displacement_ratio", "oil_temperature") if n in present]
     values: dict[str, Array] = {}
     for name in (*needed, *optional):
-        size, zero = 1.0, 0.0
-        if units[name]:
-            size, zero = to_si(_QUANTITIES[name], units[name])
-        values[name] = size * (cells.numbers(name) - zero)
+        values[name] = _in_si(name, cells, units)
         if name in ("mechanical_efficiency", "overall_efficiency"):
             # Without pressure it is 0 or whatever the maker prints.
             idle = values["pressure"] < TELLING

@@ -208,3 +208,62 @@ def test_text_in_a_column_of_time_is_refused(hmcvt, tmp_path):
         done.code == 2
         and "'day 5 at 10:59:50.000' cannot be read as a time" in done.err
     )
+
+
+def test_one_quantity_in_two_units_is_no_question(hmcvt, tmp_path):
+    raw = tmp_path / "raw.csv"
+    out = tmp_path / "bench.csv"
+    rows = ["stroke [%],eps [-],n_engine [rpm],load torque [N m],eta [-]"]
+    for percent, fraction in ((-73, -0.73), (20, 0.2), (90, 0.9)):
+        rows.append(f"{percent},{fraction},1500,150.0,0.7")
+    raw.write_text("\n".join(rows))
+    assert hmcvt("import", raw, "--out", out, "--yes").code == 0
+    assert core.read_bench(out).displacement_ratio.tolist() == [-0.73, 0.2, 0.9]
+
+    raw.write_text("\n".join([*rows[:-1], "90,0.8,1500,150.0,0.7"]))
+    done = hmcvt("import", raw, "--out", out, "--yes")
+    assert done.code == 2 and "both name displacement ratio" in done.err
+
+
+def test_an_assumed_unit_of_torque_is_said(hmcvt, tmp_path):
+    raw = tmp_path / "raw.csv"
+    out = tmp_path / "bench.csv"
+    rows = "-73,1500,1400,150.5,120.5\n20,1500,1500,152.5,121.5\n"
+    raw.write_text(f"stroke [%],n_engine,n_out,M_engine,M_out\n{rows}")
+    done = hmcvt("import", raw, "--out", out, "--yes")
+    assert done.code == 0
+    for name in ("M_engine", "M_out"):
+        assert f"unit assumed: N m (column '{name}' names none)" in done.out
+    stated = ("--engine-torque", "M_engine:N m", "--output-torque", "M_out:lb ft")
+    done = hmcvt("import", raw, "--out", out, "--yes", *stated, "--unchecked")
+    assert "unit assumed" not in done.out
+
+    raw.write_text(f"stroke [%],n_engine,n_out,M_engine [Nm],M_out [Nm]\n{rows}")
+    assert "unit assumed" not in hmcvt("import", raw, "--out", out, "--yes").out
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_columns_of_date_and_of_time_are_one_stamp(hmcvt, tmp_path, split):
+    raw = tmp_path / "raw.csv"
+    out = tmp_path / "bench.csv"
+    rows = ["Date,Time,stroke [%],n_engine [rpm],load torque [N m],eta [%]"]
+    tests = (("26.11.2026", "23:50:00"), ("27.11.2026", "00:10:30"))
+    for number, (day, clock) in enumerate((*tests, ("30.11.2026", "08:00:00"))):
+        rows.append(f"{day},{clock},{10 * number},1500,150.5,70.5")
+    raw.write_text("\n".join(rows))
+    options = ("--stamp", "Date Time") if split else ()
+    done = hmcvt("import", raw, "--out", out, "--yes", *options)
+    assert done.code == 0, done.err
+    stamps = core.read_bench(out).stamp
+    assert np.diff(stamps) == pytest.approx([1230.0, 3 * 86400.0 + 28170.0])
+
+
+def test_a_date_beside_a_clock_is_asked_for_its_order(hmcvt, tmp_path):
+    raw = tmp_path / "raw.csv"
+    raw.write_text(
+        "Date,Time,stroke [%],n_engine [rpm],load torque [N m],eta [%]\n"
+        "03/04/2026,12:00:00,10,1500,150.5,70.5\n"
+        "05/04/2026,12:00:00,20,1500,150.5,70.5\n"
+    )
+    done = hmcvt("import", raw, "--out", tmp_path / "bench.csv", "--yes")
+    assert done.code == 2 and "--stamp 'Date Time:dmy'" in done.err

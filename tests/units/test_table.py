@@ -267,3 +267,31 @@ def test_a_row_of_units_below_the_names(tmp_path):
     head = "displacement,pressure,speed,volumetric,mechanical\ncm3,bar,rpm,-,-"
     found = reading(tmp_path, head, (SIZE, PRESSURE, SPEED, volumetric, mechanical))
     np.testing.assert_array_equal(found.losses, first.losses)
+
+
+@pytest.mark.parametrize("kind", ["pump", "motor"])
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [("flow_L/min", 3.785), ("torque_Nm", 0.7376), ("overall_efficiency", 0.85)],
+)
+def test_flow_and_torque_agree_with_the_efficiencies(tmp_path, kind, name, factor):
+    sign = 1.0 if kind == "pump" else -1.0
+    volumetric, mechanical = efficiencies(SPEED, PRESSURE, kind)
+    columns = {
+        "displacement_cm3": SIZE,
+        "speed_rpm": SPEED,
+        "pressure_bar": PRESSURE,
+        "flow_L/min": SIZE * SPEED / 1000.0 * volumetric**sign,
+        "torque_Nm": SIZE * PRESSURE / 10.0 / TURN * mechanical**-sign,
+        "volumetric_efficiency": volumetric,
+        "mechanical_efficiency": mechanical,
+        "overall_efficiency": volumetric * mechanical,
+    }
+    measured = dict(list(columns.items())[:5])
+    first = reading(tmp_path, ",".join(measured), measured.values(), kind)
+    both = reading(tmp_path, ",".join(columns), columns.values(), kind)
+    np.testing.assert_allclose(both.losses, first.losses, rtol=1e-3, atol=1e-7)
+
+    columns[name] = factor * columns[name]
+    with pytest.raises(InputError, match=rf"{name.split('_')[0]}\w* is .* times that"):
+        reading(tmp_path, ",".join(columns), columns.values(), kind)

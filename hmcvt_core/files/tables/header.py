@@ -71,6 +71,24 @@ class RawTable:
             styles={**dict.fromkeys(names, Style(False)), **self.styles},
         )
 
+    def with_joined(self, first: str, second: str, cells: Sequence[str]) -> "RawTable":
+        """Return the table with one column in place of two.
+
+        Args:
+            first, second: columns; the new one is named by both.
+            cells: of the new column.
+        """
+        name = f"{first} {second}"
+        columns: dict[str, Sequence[str]] = {}
+        for old, old_cells in self.columns.items():
+            if old == first:
+                columns[name] = cells
+            elif old != second:
+                columns[old] = old_cells
+        return replace(
+            self, columns=columns, styles={**self.styles, name: Style(False)}
+        )
+
 
 def read_table(
     path: str | os.PathLike[str],
@@ -166,29 +184,39 @@ def _header(
 ) -> tuple[int, list[str]]:
     """Return the row of the header, from 1, and its cells; two rows of names are joined."""
     if header_row is not None:
-        return header_row, rows[header_row - 1] if header_row <= len(rows) else []
+        if header_row > len(rows):
+            return header_row, []
+        return header_row, rows[header_row - 1]
     filled = [number for number, row in enumerate(rows[: 10 * _TOP]) if any(row)][:_TOP]
     best = (0, [""])
     best_rank = (False, 0, True)
-    first = next((n for n in filled if not rows[n][0].startswith("#")), None)
     for number in filled:
-        row = rows[number]
-        if _numeric(row) or _mostly_units(row):
-            continue
-        options = [row]
-        above = rows[number - 1] if number else []
-        groups = sum(map(bool, above)) >= 2  # one cell alone is a title
-        if len(above) == len(row) and groups and not _numeric(above):
-            options.append(_joined(above, row))
-        comment = row[0].startswith("#")
-        for header in options:
+        comment = rows[number][0].startswith("#")
+        for header in _possible_headers(rows, number):
             rank = (_matches(header, names), _worth(header), not comment)
             if rank > best_rank:
                 best = (number + 1, header)
                 best_rank = rank
-    if best[0] == 0 and first is not None:
-        return first + 1, rows[first]
+    if best[0] > 0:
+        return best
+    for number in filled:
+        if not rows[number][0].startswith("#"):
+            return number + 1, rows[number]
     return best
+
+
+def _possible_headers(rows: Sequence[list[str]], number: int) -> list[list[str]]:
+    """Return a row of names, and the same joined with the row above it; none for numbers."""
+    row = rows[number]
+    if _numeric(row) or _mostly_units(row):
+        return []
+    if number == 0:
+        return [row]
+    above = rows[number - 1]
+    groups = sum(map(bool, above)) >= 2  # one cell alone is a title
+    if len(above) == len(row) and groups and not _numeric(above):
+        return [row, _joined(above, row)]
+    return [row]
 
 
 def _joined(above: Sequence[str], below: Sequence[str]) -> list[str]:
@@ -252,23 +280,7 @@ def _body(
         (number, row) for number, row in enumerate(all_rows[top:], top + 1) if any(row)
     ]
     shortest = _complete_from(header, [row for _, row in body])
-    rows: list[int] = []
-    cells: list[list[str]] = []
-    broken: dict[int, str] = {}
-    for number, row in body:
-        while len(row) > width and not row[-1]:
-            row = row[:-1]  # separators at the end of a line
-        if len(row) == width:
-            cells.append(row)
-            rows.append(number)
-        elif shortest <= len(row) < width:
-            cells.append([*row, *[""] * (width - len(row))])
-            rows.append(number)
-        else:
-            broken[number] = (
-                f"{len(row)} fields, the header in row {top} has {width} (decimal comma, "
-                "other separator, a comment, or lines above the header?)"
-            )
+    rows, cells, broken = _complete_rows(body, width, shortest, top)
     if len(broken) > _LONG_ROWS * (len(body) or 1) and len(broken) > 1:
         _refuse_lengths(header, top, broken, len(body), source)
     units: dict[str, str] = {}
@@ -282,6 +294,34 @@ def _body(
     if cells:
         columns = dict(zip(names, zip(*cells, strict=True), strict=True))
     return columns, units, rows, broken
+
+
+def _complete_rows(
+    body: Sequence[tuple[int, list[str]]], width: int, shortest: int, top: int
+) -> tuple[list[int], list[list[str]], dict[int, str]]:
+    """Return numbers and cells of complete rows, and what is wrong with the others.
+
+    Args:
+        body: number and cells of each row.
+        width: fields of the header.
+        shortest: fields that a complete row has at least.
+        top: row of the header.
+    """
+    rows: list[int] = []
+    cells: list[list[str]] = []
+    broken: dict[int, str] = {}
+    for number, row in body:
+        while len(row) > width and not row[-1]:
+            row = row[:-1]  # separators at the end of a line
+        if shortest <= len(row) <= width:
+            cells.append([*row, *[""] * (width - len(row))])
+            rows.append(number)
+        else:
+            broken[number] = (
+                f"{len(row)} fields, the header in row {top} has {width} (decimal comma, "
+                "other separator, a comment, or lines above the header?)"
+            )
+    return rows, cells, broken
 
 
 def _complete_from(header: Sequence[str], body: Sequence[Sequence[str]]) -> int:

@@ -85,23 +85,36 @@ def decimal_styles(
     if decimal is not None:
         return dict.fromkeys(columns, Style(decimal == "comma"))
     joined = {name: _without_blanks("\n".join(c)) for name, c in columns.items()}
-    commas = {name for name, text in joined.items() if _COMMA.search(text)}
-    points = {name for name, text in joined.items() if _POINT.search(text)}
+    commas = _matching(_COMMA, joined)
+    points = _matching(_POINT, joined)
+    has_comma = any("," in text for text in joined.values())
+    plain = comma_separated and not has_comma
+    table_decides = plain or bool(commas) != bool(points)
+    of_table = Style(bool(commas) and not points)
     styles = {}
     for name, text in joined.items():
         if name in commas and name in points:
             doubtful = _EITHER.search(text) or _COMMA.search(text)
-            styles[name] = Style(False, doubtful[0] if doubtful else "")
+            styles[name] = _doubtful_style(doubtful)
         elif name in commas or name in points:
             styles[name] = Style(name in commas)
-        elif bool(commas) != bool(points):
-            styles[name] = Style(bool(commas))
+        elif table_decides:
+            styles[name] = of_table
         else:
-            doubtful = _EITHER.search(text)
-            plain = comma_separated and not any("," in t for t in joined.values())
-            undecided = doubtful is not None and not plain
-            styles[name] = Style(False, doubtful[0] if doubtful and undecided else "")
+            styles[name] = _doubtful_style(_EITHER.search(text))
     return styles
+
+
+def _matching(pattern: re.Pattern[str], joined: Mapping[str, str]) -> set[str]:
+    """Return the names of the columns with a cell of a pattern."""
+    return {name for name, text in joined.items() if pattern.search(text)}
+
+
+def _doubtful_style(cell: re.Match[str] | None) -> Style:
+    """Return the style of a column with a cell that can be read in two ways, if it has one."""
+    if cell is None:
+        return Style(False)
+    return Style(False, cell[0])
 
 
 def _without_blanks(text: str) -> str:

@@ -8,7 +8,7 @@ read in two ways is a question, with the option that answers it.
 
 import re
 import shlex
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import BENCH_COLUMNS, Array, Range
 from .header import RawTable
-from .numbers import finite_share, read_numbers
+from .numbers import Numbers, Style, finite_share, read_numbers
 from .rules import SHAFT_KINDS, Meaning, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
@@ -44,16 +44,38 @@ _SPARE = (
     "load_torque",
     "output_torque",
 )
-# Sizes of values that a unit makes likely where nothing names it; smaller torques are asked, and
-# powers, since PS and hp are near kW.
-_RAD_PER_S_UP_TO = 320.0
-_NM_FROM = 60.0
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
 _ANGLE = re.compile(
     r"alpha|angle|angul|swash|swivel|schwenk|winkel|plateau|\u659c\u76d8|\u89d2"
 )
+
+
+class _Likely(NamedTuple):
+    """A unit that is likely for numbers without one, by their largest size."""
+
+    kind: str
+    unit: str
+    above: float
+    up_to: float
+
+
+_LIKELY_UNITS = (
+    _Likely("part", "-", -1.0, 1.5),
+    _Likely("part", "%", 1.5, np.inf),
+    _Likely("speed", "rad/s", -1.0, 320.0),
+    _Likely("speed", "rpm", 320.0, np.inf),
+    _Likely("torque", "N m", 60.0, np.inf),
+)
+"""Smaller torques are asked, and powers, since PS and hp are near kW. A tractor's engine turns at
+most at 320 rad/s, and slower than that in r/min only at idle."""
+_OPTIONAL = ("oil_temperature", "pressure", "efficiency_std", "stage")
+"""Quantities that samples do without, so that a doubt about them is a note."""
 _DECIMALS = ("--decimal point", "--decimal comma")
+_SAME = 1e-9
+"""Part by which one value in two units differs at most, by rounding of floating point."""
+_SAME_TIME = 0.5
+"""Seconds by which two clocks of one recording differ at most."""
 _LONG_TABLE = 30
 """Rows from which a time without a unit is asked, since the table may be a recording."""
 
@@ -93,12 +115,14 @@ class Proposal:
         spares: proposed for quantities that others already give, to be compared with them.
         questions: to be answered before the proposal may be taken.
         notes: columns that were left aside, with the reason.
+        assumed: units of torques and powers that nothing states.
     """
 
     columns: dict[str, Column]
     spares: dict[str, Column]
     questions: tuple[Question, ...]
     notes: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
 
 class _Candidate(NamedTuple):
@@ -120,7 +144,7 @@ def option(quantity: str, column: str, unit: str = "") -> str:
 
 
 def missing_quantities(columns: Set[str]) -> list[str]:
-    """Return what bench samples still need beside these quantities."""
+    """Return what bench samples still need besides these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
     missing = [
@@ -185,10 +209,10 @@ def _unit_of_header(quantity: str, name: str, table: RawTable) -> str:
             f"{name}:UNIT"
         )
     if unit is None or unit.name == "-":
-        bracket = [text for text in meaning.unknown if not text[0].isalnum()]
-        if bracket:
+        brackets = _brackets(meaning)
+        if brackets:
             raise InputError(
-                f"{table.source}: {quantity}: the unit {bracket[0]} in column {name!r} is "
+                f"{table.source}: {quantity}: the unit {brackets[0]} in column {name!r} is "
                 f"not known; write {name}:UNIT, one of {', '.join(UNITS[quantity])}"
             )
         return first
@@ -213,17 +237,7 @@ def propose(
         given: columns that the user named.
         averaged: whether each row is a steady test, so that samples do without a time.
     """
-    named = {column.name for column in given.values()}
-    notes: list[str] = []
-    candidates: dict[str, list[_Candidate]] = {}
-    for name in table.columns:
-        if name in named:
-            continue
-        candidate, note = _candidate(name, table)
-        if candidate is not None and candidate.quantity not in given:
-            candidates.setdefault(candidate.quantity, []).append(candidate)
-        if note:
-            notes.append(note)
+    candidates, notes = _all_candidates(table, given)
     proposed: dict[str, Column] = {}
     questions: dict[str, Question] = {}
     for quantity, rivals in candidates.items():
@@ -232,7 +246,7 @@ def propose(
         rivals.sort(key=lambda rival: rival.rank, reverse=True)
         best = rivals[0]
         proposed[quantity] = Column(best.name, best.unit, best.why)
-        question = _question(quantity, rivals, table)
+        question = _question(quantity, rivals)
         if question is not None:
             questions[quantity] = question
     _same_speed_units(proposed, given, questions)
@@ -240,24 +254,49 @@ def propose(
     _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
     doubtful = {name for name in spares if name in questions}
-    spares = {name: spares[name] for name in spares if name not in doubtful}
-    if averaged and "stamp" in questions:
-        notes.append(f"left aside: {questions['stamp'].text}")
-        del questions["stamp"]
-        del proposed["stamp"]
+    for name in doubtful:
+        del spares[name]
+    notes += _without_optional(_OPTIONAL, proposed, questions)
+    if averaged:
+        notes += _without_optional(["stamp"], proposed, questions)
     _merge_decimals(questions)
-    asked = {*proposed, *doubtful}
-    open_questions = [
-        question
-        for name, question in questions.items()
-        if name in asked or name.startswith("any_")
-    ]
-    for optional in ("oil_temperature", "pressure", "efficiency_std", "stage"):
-        if optional in questions:  # samples do without it
-            notes.append(f"left aside: {questions[optional]}")
-            open_questions.remove(questions[optional])
-            del proposed[optional]
+    open_questions = []
+    for name, question in questions.items():
+        if name in proposed or name in doubtful or name.startswith("any_"):
+            open_questions.append(question)
     return Proposal({**given, **proposed}, spares, tuple(open_questions), tuple(notes))
+
+
+def _all_candidates(
+    table: RawTable, given: Mapping[str, Column]
+) -> tuple[dict[str, list[_Candidate]], list[str]]:
+    """Return the candidates of every quantity, and why columns were refused."""
+    named = {column.name for column in given.values()}
+    candidates: dict[str, list[_Candidate]] = {}
+    notes = []
+    for name in table.columns:
+        if name in named:
+            continue
+        candidate, note = _candidate(name, table)
+        if candidate is not None and candidate.quantity not in given:
+            candidates.setdefault(candidate.quantity, []).append(candidate)
+        if note:
+            notes.append(note)
+    return candidates, notes
+
+
+def _without_optional(
+    optional: Sequence[str],
+    proposed: dict[str, Column],
+    questions: dict[str, Question],
+) -> list[str]:
+    """Remove doubtful quantities that samples do without; return a note for each."""
+    notes = []
+    for quantity in optional:
+        if quantity in questions:
+            notes.append(f"left aside: {questions.pop(quantity)}")
+            del proposed[quantity]
+    return notes
 
 
 def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
@@ -276,34 +315,67 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     style = table.styles[name]
     numbers = read_numbers(table.columns[name], style.comma)
     if finite_share(numbers.values) == 0.0:
-        cell = next((cell for cell in table.columns[name] if cell), "")
-        reason = f"cell {cell!r} is no number" if cell else "it is empty"
-        return None, f"column {name!r} would be {_words(quantity)}, but {reason}"
-    unit, why, doubt = _unit(quantity, meaning, below, numbers.values, numbers.units)
-    if meaning.problem:
-        doubt = f"column {name!r}: {meaning.problem}"
-    if meaning.weak:
-        doubt = f"column {name!r} may be a torque, a temperature, a pressure or a time"
-    brackets = [text for text in meaning.unknown if not text[0].isalnum()]
-    if brackets:
-        doubt = f"{brackets[0]} in column {name!r} is not known"
-    elif meaning.unknown and why in ("cells", "range", ""):
-        words = ", ".join(map(repr, meaning.unknown))
-        doubt = f"{words} in column {name!r} is not known"
-    if quantity == "displacement_ratio" and why == "range":
-        doubt = doubt or _stroke_doubt(name, numbers.values)
+        return None, _no_numbers(name, quantity, table)
+    choice = _unit(quantity, meaning, below, numbers)
+    doubt = _doubt(name, meaning, style, choice)
+    if quantity == "displacement_ratio" and choice.why == "range" and not doubt:
+        doubt = _stroke_doubt(name, numbers.values)
+    fits = _mostly_in_range(quantity, choice.unit, numbers.values)
+    rank = _rank(fits, meaning, choice.why != "range")
+    candidate = _Candidate(
+        name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
+    )
+    return candidate, ""
+
+
+def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
+    """Say why a column without any number is refused."""
+    reason = "it is empty"
+    for cell in table.columns[name]:
+        if cell:
+            reason = f"cell {cell!r} is no number"
+            break
+    return f"column {name!r} would be {_words(quantity)}, but {reason}"
+
+
+def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> str:
+    """Return the strongest doubt about a column of numbers; `""` for none."""
     if style.doubtful:
-        doubt = f"column {name!r}: {style.doubtful!r} can be read in two ways"
-    if not unit and not doubt:
-        doubt = f"column {name!r} names no unit"
-    fits = False
-    if unit:
-        size, zero = to_si(kind_of(quantity), unit)
-        limits = RANGES.get(_with_side(quantity))
-        values = size * (numbers.values - zero)
-        fits = limits is not None and bool(limits.contains(values).mean() > 0.5)
-    rank = _rank(fits, meaning, why != "range")
-    return _Candidate(name, quantity, unit, why, rank, doubt, numbers.values), ""
+        return f"column {name!r}: {style.doubtful!r} can be read in two ways"
+    brackets = _brackets(meaning)
+    if brackets:
+        return f"{brackets[0]} in column {name!r} is not known"
+    if meaning.unknown and choice.why in ("cells", "range", ""):
+        words = ", ".join(map(repr, meaning.unknown))
+        return f"{words} in column {name!r} is not known"
+    if meaning.weak:
+        return f"column {name!r} may be a torque, a temperature, a pressure or a time"
+    if meaning.problem:
+        return f"column {name!r}: {meaning.problem}"
+    if choice.doubt:
+        return choice.doubt
+    if not choice.unit:
+        return f"column {name!r} names no unit"
+    return ""
+
+
+def _brackets(meaning: Meaning) -> list[str]:
+    """Return the brackets of a name that hold no known unit."""
+    return [text for text in meaning.unknown if not text[0].isalnum()]
+
+
+def _mostly_in_range(quantity: str, unit: str, values: Array) -> bool:
+    """Return whether most values of a column are plausible in a unit."""
+    limits = RANGES.get(_with_side(quantity))
+    if not unit or limits is None:
+        return False
+    inside = limits.contains(_in_si(quantity, unit, values))
+    return bool(inside.mean() > 0.5)
+
+
+def _in_si(quantity: str, unit: str, values: Array) -> Array:
+    size, zero = to_si(kind_of(quantity), unit)
+    return np.asarray(size * (values - zero))
 
 
 def _stroke_doubt(name: str, values: Array) -> str:
@@ -328,8 +400,10 @@ def _merge_decimals(questions: dict[str, Question]) -> None:
         )
 
 
-def _rank(fits: bool, meaning: Meaning, told: bool) -> tuple[bool, bool, int, bool]:
-    return fits, not meaning.weak, -len(meaning.unknown), told
+def _rank(
+    fits: bool, meaning: Meaning, unit_stated: bool
+) -> tuple[bool, bool, int, bool]:
+    return fits, not meaning.weak, -len(meaning.unknown), unit_stated
 
 
 def _words(quantity: str) -> str:
@@ -346,39 +420,42 @@ def _with_side(quantity: str) -> str:
     return sides.get(quantity, quantity)
 
 
-def _unit(
-    quantity: str,
-    meaning: Meaning,
-    below: str,
-    values: Array,
-    in_cells: tuple[str, ...],
-) -> tuple[str, str, str]:
-    """Return unit, what said so, and a doubt about it."""
+class _UnitChoice(NamedTuple):
+    """The unit of a column, what said so, and a doubt; `""` where there is none."""
+
+    unit: str = ""
+    why: str = ""
+    doubt: str = ""
+
+
+def _unit(quantity: str, meaning: Meaning, below: str, numbers: Numbers) -> _UnitChoice:
+    """Return the unit by the name, the row of units, the cells or the size of the numbers."""
     kind = kind_of(quantity)
-    if meaning.unit is not None and not (meaning.unit.name == "-" and kind != "part"):
-        why = "row of units" if unit_of(below) == meaning.unit else "name"
+    if meaning.unit is not None and (meaning.unit.name != "-" or kind == "part"):
+        why = "name"
+        if unit_of(below) == meaning.unit:
+            why = "row of units"
         return _checked_unit(kind, meaning.unit.name, why)
     if below and unit_of(below) is None and kind != "part":
-        return "", "", f"the unit {below!r} in the row of units is not known"
-    if in_cells:
-        return _checked_unit(kind, in_cells[0], "cells")
-    size = float(np.nanquantile(np.abs(values), 0.9))
-    if kind == "part":
-        return ("-" if size <= 1.5 else "%"), "range", ""
-    if kind == "speed":
-        return ("rad/s" if size <= _RAD_PER_S_UP_TO else "rpm"), "range", ""
-    if kind == "torque" and size > _NM_FROM:
-        return "N m", "range", ""
-    return "", "", ""
+        return _UnitChoice(doubt=f"the unit {below!r} in the row of units is not known")
+    if numbers.units:
+        return _checked_unit(kind, numbers.units[0], "cells")
+    size = float(np.nanquantile(np.abs(numbers.values), 0.9))
+    for likely in _LIKELY_UNITS:
+        if likely.kind == kind and likely.above < size <= likely.up_to:
+            return _UnitChoice(likely.unit, "range")
+    return _UnitChoice()
 
 
-def _checked_unit(kind: str, unit: str, why: str) -> tuple[str, str, str]:
+def _checked_unit(kind: str, unit: str, why: str) -> _UnitChoice:
     try:
         to_si(kind, unit)
     except KeyError:
-        reason = "may count radians or turns" if unit == "1/s" else "is no unit of it"
-        return "", "", f"unit {unit} {reason}"
-    return unit, why, ""
+        reason = "is no unit of it"
+        if unit == "1/s":
+            reason = "may count radians or turns"
+        return _UnitChoice(doubt=f"unit {unit} {reason}")
+    return _UnitChoice(unit, why)
 
 
 def _time_candidate(
@@ -388,23 +465,20 @@ def _time_candidate(
     if meaning.unit is not None and meaning.unit.kind == "time":
         unit = meaning.unit.name
     times = read_times(table.columns[name], unit, table.styles[name].comma)
-    if (
-        not times.question
-        and not np.isfinite(times.seconds).any()
-        and not times.unreadable
-    ):
+    readable = np.isfinite(times.seconds).any()
+    if not (readable or times.question or times.unreadable):
         return None, ""
     doubt = _time_doubt(name, times)
     small = len(table.rows) < _LONG_TABLE
     if not times.scale_known and small:
         why = f"column {name!r} is not used as time: {times.question}"
         return None, f"{why} ({option('stamp', name, 'UNIT')} uses it)"
-    told = bool(unit) or not times.dated
-    rank = _rank(not times.dated, meaning, told)
-    found = _Candidate(
+    unit_stated = bool(unit) or not times.dated
+    rank = _rank(not times.dated, meaning, unit_stated)
+    candidate = _Candidate(
         name, "stamp", times.unit or unit, "name", rank, doubt, times.seconds
     )
-    return found, ""
+    return candidate, ""
 
 
 def _time_doubt(name: str, times: Times) -> str:
@@ -429,55 +503,56 @@ def reads_as_seconds(values: Array) -> bool:
     return 1e-3 <= typical <= 2.0 and typical != 1.0
 
 
-def _question(
-    quantity: str, rivals: list[_Candidate], table: RawTable
-) -> Question | None:
+def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     """Return what is open about the best candidate of a quantity."""
     best = rivals[0]
-    units = tuple(UNITS.get(quantity, ()))
     if best.doubt:
-        if "two ways" in best.doubt:
-            return Question(best.doubt, _DECIMALS)
-        if quantity == "stamp" and "cannot be read" in best.doubt:
+        return _question_of_doubt(quantity, best)
+    others = [rival for rival in rivals[1:] if not _equal(rival, best)]
+    equals = [rival for rival in others if rival.rank == best.rank]
+    if not equals:
+        # A name that stands twice in the header is numbered by the reader.
+        equals = [rival for rival in others if rival.name.startswith(f"{best.name} (")]
+    if not equals:
+        return None
+    both = [best, *equals]
+    names = " and ".join(repr(rival.name) for rival in both)
+    answers = tuple(option(quantity, rival.name, rival.unit) for rival in both)
+    return Question(f"columns {names} both name {_words(quantity)}", answers)
+
+
+def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
+    """Return the question about the best candidate, with the options that answer it."""
+    if "two ways" in best.doubt:
+        return Question(best.doubt, _DECIMALS)
+    choices = tuple(UNITS.get(quantity, ()))[:2]
+    if quantity == "stamp":
+        if "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
-        choices: tuple[str, ...] = units[:2]
-        if "radians or turns" in best.doubt:
-            choices = ("rad/s", "turn/s")
-        if quantity == "stamp" and "day and month" in best.doubt:
+        choices = ("s", "ms", "min", "h")
+        if "day and month" in best.doubt:
             choices = ("dmy", "mdy")
-        elif quantity == "stamp":
-            choices = ("s", "ms", "min", "h")
-        answers = tuple(option(quantity, best.name, unit) for unit in choices)
-        return Question(best.doubt, answers)
-    ties = [
-        rival
-        for rival in rivals[1:]
-        if rival.rank == best.rank and not _equal(rival, best)
-    ]
-    again = [rival for rival in rivals[1:] if rival.name.startswith(f"{best.name} (")]
-    again = [rival for rival in again if not _equal(rival, best)]
-    if ties or again:
-        both = [best, *(ties or again)]
-        names = " and ".join(repr(rival.name) for rival in both)
-        answers = tuple(option(quantity, rival.name, rival.unit) for rival in both)
-        return Question(f"columns {names} both name {_words(quantity)}", answers)
-    return None
+    elif "radians or turns" in best.doubt:
+        choices = ("rad/s", "turn/s")
+    answers = tuple(option(quantity, best.name, unit) for unit in choices)
+    return Question(best.doubt, answers)
 
 
 def _equal(one: _Candidate, other: _Candidate) -> bool:
-    """Return whether two columns hold the same values in the same unit."""
+    """Return whether two columns hold the same values, each in its unit."""
     if one.values is None or other.values is None:
         return False
     if one.quantity == "stamp":
-        rising = one.values - one.values[0]
-        return bool(
-            np.allclose(
-                rising, other.values - other.values[0], atol=0.5, equal_nan=True
-            )
-        )
-    return one.unit == other.unit and bool(
-        np.array_equal(one.values, other.values, equal_nan=True)
-    )
+        elapsed = one.values - one.values[0]
+        also = other.values - other.values[0]
+        return np.allclose(elapsed, also, atol=_SAME_TIME, equal_nan=True)
+    if one.unit == other.unit:
+        return np.array_equal(one.values, other.values, equal_nan=True)
+    if not one.unit or not other.unit:
+        return False
+    first = _in_si(one.quantity, one.unit, one.values)
+    second = _in_si(other.quantity, other.unit, other.values)
+    return np.allclose(first, second, rtol=_SAME, atol=0.0, equal_nan=True)
 
 
 def _same_speed_units(
@@ -545,43 +620,57 @@ def _assign_sides(
     """Give columns that name no side a quantity where only one is possible, else ask.
 
     The only speed of a table is the engine's and the only torque the load's, as bench tables
-    write them; beside a second speed or torque the side is asked.
+    write them; with a second speed or torque the side is asked.
     """
-    known = {*proposed, *given}
     for kind in SHAFT_KINDS:
         rivals = candidates.get(f"any_{kind}", [])
-        strong = [rival for rival in rivals if rival.rank[1]]
-        notes += [
-            f"column {rival.name!r} is not used: it may be a torque, a temperature, a "
-            "pressure, a power or a time"
-            for rival in rivals
-            if not rival.rank[1]
-        ]
-        needed = set(missing_quantities(known))
+        strong = []
+        for rival in rivals:
+            if rival.rank[1]:
+                strong.append(rival)
+            else:
+                notes.append(
+                    f"column {rival.name!r} is not used: it may be a torque, a "
+                    "temperature, a pressure, a power or a time"
+                )
+        known = {*proposed, *given}
         if not strong:
             continue
-        alone = len(strong) == 1 and not any(
-            name.endswith(f"_{kind}") for name in known
-        )
-        target = {"speed": "engine_speed", "torque": "load_torque"}.get(kind, "")
-        one_shaft = "output_speed" not in known
-        if alone and target and one_shaft and kind_needed(kind, needed):
-            best = strong[0]
-            reason = f"{best.why}, the only {kind}"
-            proposed[target] = Column(best.name, best.unit, reason)
-            known.add(target)
-            question = _question(target, strong, _NO_TABLE)
-            if question is not None:
-                questions[target] = question
-            elif best.rank[2] < 0:
-                questions[target] = _side_question(kind, strong)
-        elif kind_needed(kind, needed):
-            questions[f"any_{kind}"] = _side_question(kind, strong)
+        if not kind_needed(kind, set(missing_quantities(known))):
+            for rival in strong:
+                notes.append(f"column {rival.name!r} names no side and is not used")
+        elif _only_of_its_kind(kind, strong, known):
+            _take_only(kind, strong, proposed, questions)
         else:
-            notes += [
-                f"column {rival.name!r} names no side and is not used"
-                for rival in strong
-            ]
+            questions[f"any_{kind}"] = _side_question(kind, strong)
+
+
+_TARGETS = {"speed": "engine_speed", "torque": "load_torque"}
+"""Quantity of the only speed and the only torque of a table."""
+
+
+def _only_of_its_kind(kind: str, rivals: Sequence[_Candidate], known: Set[str]) -> bool:
+    """Return whether a column without a side is the only one of its kind."""
+    if kind not in _TARGETS or len(rivals) > 1 or "output_speed" in known:
+        return False
+    return not any(name.endswith(f"_{kind}") for name in known)
+
+
+def _take_only(
+    kind: str,
+    rivals: list[_Candidate],
+    proposed: dict[str, Column],
+    questions: dict[str, Question],
+) -> None:
+    """Propose the only column of its kind, or ask where its name is not understood."""
+    best = rivals[0]
+    target = _TARGETS[kind]
+    proposed[target] = Column(best.name, best.unit, f"{best.why}, the only {kind}")
+    question = _question(target, rivals)
+    if question is not None:
+        questions[target] = question
+    elif best.rank[2] < 0:
+        questions[target] = _side_question(kind, rivals)
 
 
 def kind_needed(kind: str, missing: Set[str]) -> bool:
@@ -593,9 +682,13 @@ def kind_needed(kind: str, missing: Set[str]) -> bool:
 
 def _side_question(kind: str, rivals: list[_Candidate]) -> Question:
     names = " and ".join(repr(rival.name) for rival in rivals)
-    verb = "does" if len(rivals) == 1 else "do"
+    verb = "do"
+    if len(rivals) == 1:
+        verb = "does"
     best = rivals[0]
-    sides = ("engine", "output", "load") if kind == "torque" else ("engine", "output")
+    sides = ["engine", "output"]
+    if kind == "torque":
+        sides.append("load")
     answers = tuple(option(f"{side}_{kind}", best.name, best.unit) for side in sides)
     return Question(
         f"column {names} {verb} not say which side of the transmission it is of",
@@ -615,6 +708,3 @@ def _take_spares(
         if missing_quantities(all_names - {quantity}) == missing_quantities(all_names):
             spares[quantity] = proposed.pop(quantity)
     return spares
-
-
-_NO_TABLE = RawTable({}, {}, [], {}, {}, "", "", "", 0)

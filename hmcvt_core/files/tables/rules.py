@@ -7,7 +7,7 @@ can ask instead of passing over it. To add a language, add its words to `WORDS`.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
@@ -170,6 +170,14 @@ class Rule(NamedTuple):
     needs: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
 
+    def holds(self, means: Set[str], sides: Set[str]) -> bool:
+        """Return whether a name of the same kind with these meanings names the quantity."""
+        if self.side and self.side not in sides:
+            return False
+        if self.needs and means.isdisjoint(self.needs):
+            return False
+        return means.isdisjoint(self.excludes)
+
 
 RULES = (
     Rule("efficiency_std", "efficiency", needs=("std",)),
@@ -302,19 +310,33 @@ def _without_suffix(name: str) -> _Parts:
     if known is None or suffix[1].isdigit():
         return _Parts(_tokens(name), None)
     before = _tokens(name[: suffix.start()])
+    if _is_unit_suffix(suffix[1], known, before):
+        return _Parts(before, known)
+    return _Parts(_tokens(name), None)
+
+
+_INDICES = ("in", "h", "s", "m")
+"""Endings that are an index of a shaft, or part of a name, before they are a unit."""
+
+
+def _is_unit_suffix(text: str, unit: Unit, before: list[str]) -> bool:
+    """Return whether the last word of a name is a unit of what the words before it name.
+
+    Args:
+        text: last word.
+        unit: that it may be.
+        before: words before it.
+    """
     kinds = _kinds(before)
-    fits = known.kind in kinds or (
-        known.kind == "part" and bool(kinds & {"efficiency", "stroke"})
-    )
-    short = len(suffix[1]) < 2 and suffix[1] != "%"
-    index = suffix[1].lower() in ("in", "h", "s", "m") or (short and not _named(before))
-    if not fits and not (
-        kinds == set() and known.kind == "speed" and len(suffix[1]) > 2
-    ):
-        return _Parts(_tokens(name), None)
-    if index and known.kind not in ("temperature", "time"):
-        return _Parts(_tokens(name), None)
-    return _Parts(before, known)
+    of_part = unit.kind == "part" and bool(kinds & {"efficiency", "stroke"})
+    only_speed = not kinds and unit.kind == "speed" and len(text) > 2
+    if unit.kind not in kinds and not of_part and not only_speed:
+        return False
+    if unit.kind in ("temperature", "time"):
+        return True
+    letter = len(text) < 2 and text != "%"
+    is_index = text.lower() in _INDICES or (letter and not _named(before))
+    return not is_index
 
 
 def _named(tokens: list[str]) -> bool:
@@ -324,15 +346,21 @@ def _named(tokens: list[str]) -> bool:
 
 def _kinds(tokens: list[str]) -> set[str]:
     """Return what the words of a name measure; symbols count only where no word does."""
-    kinds = {
-        meaning
-        for token in tokens
-        for meaning in _word_meanings(token.lower())
-        if meaning in KINDS and token not in SYMBOLS
-    }
+    kinds = _word_kinds(tokens)
     if kinds:
         return kinds
-    return {kind for token in tokens for kind in SYMBOLS.get(token, ())}
+    for token in tokens:
+        kinds.update(SYMBOLS.get(token, ()))
+    return kinds
+
+
+def _word_kinds(tokens: list[str]) -> set[str]:
+    """Return what the words of a name measure that are no symbols."""
+    kinds: set[str] = set()
+    for token in tokens:
+        if token not in SYMBOLS:
+            kinds.update(_word_meanings(token.lower()))
+    return kinds & set(KINDS)
 
 
 @lru_cache(maxsize=4096)
@@ -344,54 +372,62 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
         unit_below: cell of the row of units; it adds to the name and never shortens it.
     """
     parts = _take_apart(name)
-    below = unit_of(unit_below) if unit_below else None
+    below = None
+    if unit_below:
+        below = unit_of(unit_below)
     unit = parts.unit or below
-    unknown = list(parts.unread)
-    problem = ""
-    if below is not None and parts.unit is not None:
-        same = below == parts.unit or below.name == "-"
-        if not same:
-            problem = (
-                f"the header says {parts.unit.name}, the row of units {below.name}"
-            )
-    if unit is not None and unit.name == "-" and "-" not in (unit_below, name):
-        unit = unit if parts.unit else below
     kind, weak, clash = _kind(parts.words, unit)
     if clash:
-        return Meaning("", kind, unit, tuple(unknown), clash)
+        return Meaning("", kind, unit, parts.unread, clash)
     means, strange = _meanings(parts.words, kind)
-    unknown += strange
-    if "other" in means or (
-        "ratio" in map(str.lower, parts.words) and kind not in ("stroke", "efficiency")
-    ):
-        return Meaning("", kind, unit, tuple(unknown), problem)
-    quantity, side_problem = _by_rules(kind, means, parts.words)
-    return Meaning(quantity, kind, unit, tuple(unknown), problem or side_problem, weak)
+    unknown = (*parts.unread, *strange)
+    problem = _unit_clash(parts.unit, below)
+    words = [word.lower() for word in parts.words]
+    is_ratio = "ratio" in words and kind not in ("stroke", "efficiency")
+    if "other" in means or is_ratio:
+        return Meaning("", kind, unit, unknown, problem)
+    quantity, side_problem = _by_rules(kind, means, words)
+    return Meaning(quantity, kind, unit, unknown, problem or side_problem, weak)
+
+
+def _unit_clash(in_name: Unit | None, below: Unit | None) -> str:
+    """Say how the unit of the name and that of the row of units differ; `""` if they agree."""
+    if in_name is None or below is None:
+        return ""
+    if below == in_name or below.name == "-":
+        return ""
+    return f"the header says {in_name.name}, the row of units {below.name}"
 
 
 def _kind(words: list[str], unit: Unit | None) -> tuple[str, bool, str]:
     """Return what is measured, whether only a letter says so, and a clash of words and unit."""
     kinds = _kinds(words)
-    by_letter = bool(kinds) and not any(
-        meaning in KINDS
-        for word in words
-        if word not in SYMBOLS
-        for meaning in _word_meanings(word.lower())
-    )
+    by_letter = bool(kinds) and not _word_kinds(words)
     if unit is not None and unit.kind not in ("part", "other"):
-        if unit.kind == "speed" and "speed" not in kinds and kinds and not by_letter:
-            return "", False, f"the name does not name a speed, its unit is {unit.name}"
-        if kinds and unit.kind not in kinds:
-            named = " or ".join(sorted(kinds))
-            return named, False, f"the name says {named}, its unit is {unit.name}"
-        return unit.kind, False, ""
-    for kind in KINDS:
-        if kind in kinds and not by_letter:
-            return _checked_part(kind, unit)
+        clash = _kind_clash(kinds, by_letter, unit)
+        if not clash:
+            return unit.kind, False, ""
+        named = " or ".join(sorted(kinds))
+        if unit.kind == "speed" and not by_letter:
+            named = ""
+        return named, False, clash
     if not kinds:
         return "", False, ""
+    if not by_letter:
+        kind = next(kind for kind in KINDS if kind in kinds)
+        return _checked_part(kind, unit)
     letter = next(word for word in words if word in SYMBOLS)
     return SYMBOLS[letter][0], letter in _WEAK_SYMBOLS, ""
+
+
+def _kind_clash(kinds: set[str], by_letter: bool, unit: Unit) -> str:
+    """Say how what a name measures differs from its unit; `""` if it does not."""
+    if not kinds or unit.kind in kinds:
+        return ""
+    if unit.kind == "speed" and not by_letter:
+        return f"the name does not name a speed, its unit is {unit.name}"
+    named = " or ".join(sorted(kinds))
+    return f"the name says {named}, its unit is {unit.name}"
 
 
 def _checked_part(kind: str, unit: Unit | None) -> tuple[str, bool, str]:
@@ -433,13 +469,18 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
 
 
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
-    """Return the quantity that the rules give, and what stays open about the side."""
+    """Return the quantity that the rules give, and what stays open about the side.
+
+    Args:
+        kind: what is measured.
+        means: meanings of the words.
+        words: of the name, in lower case.
+    """
     sides = means & {"engine", "output", "load"}
     if kind in SHAFT_KINDS:
         if "std" in means:
             return "", ""
-        text = " ".join(words).lower()
-        if sides == {"engine", "output"} and "of the engine" in text:
+        if sides == {"engine", "output"} and "of the engine" in " ".join(words):
             sides = {"engine"}
         if not sides:
             return f"any_{kind}", ""
@@ -447,20 +488,11 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
             return f"any_{kind}", "names two sides of the transmission"
     if kind == "pressure" and "one_side" in means and not _says_difference(words):
         return "", "it may be the pressure of one side, not high minus low"
-    if kind == "temperature":
-        several = len([word for word in words if word.isalpha()]) > 1
-        if "oil" not in means and several:
-            return "", ""
-        if sides & {"output", "load"}:
-            return "", ""
+    if kind == "temperature" and not _may_be_of_oil(means, words):
+        return "", ""
     for rule in RULES:
-        if rule.kind != kind or (rule.side and rule.side not in sides):
-            continue
-        if rule.needs and not set(rule.needs) & means:
-            continue
-        if set(rule.excludes) & means:
-            continue
-        return rule.quantity, ""
+        if rule.kind == kind and rule.holds(means, sides):
+            return rule.quantity, ""
     return "", ""
 
 
@@ -468,6 +500,14 @@ def _says_difference(words: list[str]) -> bool:
     """Return whether a name says that it is a difference, as in `system dp`."""
     text = " ".join(words).lower()
     return re.search(r"\b(d|dp|delta\w*|diff\w*)\b", text) is not None
+
+
+def _may_be_of_oil(means: set[str], words: list[str]) -> bool:
+    """Return whether a temperature may be that of the oil of the transmission."""
+    if means & {"output", "load"}:
+        return False
+    several = len([word for word in words if word.isalpha()]) > 1
+    return "oil" in means or not several
 
 
 def names_quantity(cell: str) -> str:
@@ -511,28 +551,50 @@ def unit_bench_meaning(name: str) -> tuple[str, Unit | None]:
     parts = _take_apart(name)
     if parts.unread:
         return "", parts.unit
+    kind = _unit_bench_kind(parts)
+    if not kind:
+        return "", parts.unit
     words = {word.lower() for word in parts.words}
-    kind, weak, clash = _kind(parts.words, parts.unit)
+    others = set()
+    for word in words:
+        is_symbol = word in SYMBOLS or word.upper() in SYMBOLS
+        if kind not in _word_meanings(word) and not is_symbol:
+            others.add(word)
+    return _unit_bench_quantity(kind, words, others), parts.unit
+
+
+def _unit_bench_kind(parts: _Parts) -> str:
+    """Return what a column of the bench of one unit measures; `""` if that is not sure."""
     if parts.unit is not None and parts.unit.kind in ("displacement", "flow"):
-        kind = parts.unit.kind
-        weak, clash = False, ""
-    if weak or clash or not kind:
-        return "", parts.unit
+        return parts.unit.kind
+    kind, weak, clash = _kind(parts.words, parts.unit)
+    if weak or clash:
+        return ""
     if kind == "stroke":
-        kind = "displacement_ratio"
-    rest = {word for word in words if kind not in _word_meanings(word)}
-    rest -= {word for word in rest if word in SYMBOLS or word.upper() in SYMBOLS}
+        return "displacement_ratio"
+    return kind
+
+
+def _unit_bench_quantity(kind: str, words: set[str], others: set[str]) -> str:
+    """Return the quantity of a kind that the words name; `""` if one is not understood.
+
+    Args:
+        kind: what is measured.
+        words: of the name, in lower case.
+        others: those of them that do not name the kind.
+    """
     for quantity, of_kind, listed in _UNIT_BENCH:
-        hits = {
-            word for word in words for start in listed.split() if word.startswith(start)
-        }
-        if kind == of_kind and hits and rest <= hits | _UNIT_BENCH_WORDS:
-            return quantity, parts.unit
-    known = {word for word in rest if "stroke" in _word_meanings(word)}
-    if rest - known - _UNIT_BENCH_WORDS:
-        return "", parts.unit
+        if kind != of_kind:
+            continue
+        starts = tuple(listed.split())
+        further = {word for word in words if word.startswith(starts)}
+        if further and others <= further | _UNIT_BENCH_WORDS:
+            return quantity
+    for word in others - _UNIT_BENCH_WORDS:
+        if "stroke" not in _word_meanings(word):
+            return ""
     if kind == "temperature":
-        return "oil_temperature", parts.unit
+        return "oil_temperature"
     if kind in (*_UNIT_BENCH_PLAIN, "displacement", "displacement_ratio"):
-        return kind, parts.unit
-    return "", parts.unit
+        return kind
+    return ""

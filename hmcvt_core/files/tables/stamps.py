@@ -132,27 +132,73 @@ def _scaled(values: Array, unit: str) -> Times:
 
 
 def _read_texts(cells: Sequence[str], filled: Sequence[str], unit: str) -> Times:
-    order = unit if unit in DATE_ORDERS else _date_order(filled)
+    order = _date_order(filled)
+    if unit in DATE_ORDERS:
+        order = unit
+    if order == "":
+        return _open_times(cells, filled[0], "day and month", ("dmy", "mdy"))
     minutes_first = _minutes_first(filled, unit)
-    if order == "" or minutes_first is None:
-        choices = ("dmy", "mdy") if order == "" else ("min", "h")
-        words = "day and month" if order == "" else "minutes and hours"
-        return Times(
-            np.full(len(cells), math.nan),
-            question=f"{filled[0]!r} does not say which are {words}",
-            choices=choices,
-        )
+    if minutes_first is None:
+        return _open_times(cells, filled[0], "minutes and hours", ("min", "h"))
     seconds = np.array([_seconds(cell, order, minutes_first) for cell in cells])
-    unread = [
-        cell
-        for cell, value in zip(cells, seconds, strict=True)
-        if math.isnan(value) and not not_available(cell)
-    ]
+    unreadable = _first_unread(cells, seconds)
     if not any("-" in cell or "/" in cell or "." in cell[:5] for cell in filled[:3]):
         seconds = _past_midnight(seconds)
     dated = all(":" not in cell for cell in filled)
-    said = unit if unit in DATE_ORDERS else ""
-    return Times(seconds, said, unreadable=unread[0] if unread else "", dated=dated)
+    stated = ""
+    if unit in DATE_ORDERS:
+        stated = unit
+    return Times(seconds, stated, unreadable=unreadable, dated=dated)
+
+
+def _open_times(
+    cells: Sequence[str], example: str, words: str, choices: tuple[str, ...]
+) -> Times:
+    """Return times that stay unknown until a question is answered."""
+    return Times(
+        np.full(len(cells), math.nan),
+        question=f"{example!r} does not say which are {words}",
+        choices=choices,
+    )
+
+
+def _first_unread(cells: Sequence[str], values: Array) -> str:
+    """Return the first cell that holds text but no value; `""` for none."""
+    for cell, value in zip(cells, values, strict=True):
+        if math.isnan(value) and not not_available(cell):
+            return cell
+    return ""
+
+
+def joined_stamps(dates: Sequence[str], clocks: Sequence[str]) -> list[str] | None:
+    """Join a column of dates and one of times of day to a column of both.
+
+    Args:
+        dates: cells without a time of day; a spreadsheet writes midnight behind them.
+        clocks: cells with hours, minutes and seconds.
+
+    Returns:
+        None where the cells are of another form, or fall by a day where only the clock passes
+        midnight.
+    """
+    joined = []
+    for date_cell, clock in zip(dates, clocks, strict=True):
+        day = date_cell.removesuffix(" 00:00:00")
+        if not_available(day) or not_available(clock):
+            joined.append("")
+            continue
+        dated = _DATED.fullmatch(day)
+        daytime = _DAYTIME.fullmatch(clock)
+        if dated is None or dated["clock"] is not None or daytime is None:
+            return None
+        if daytime["clock"].count(":") < 2 and daytime["half"] is None:
+            return None
+        joined.append(f"{day} {clock}")
+    seconds = read_times(joined, "", False).seconds
+    known = seconds[np.isfinite(seconds)]
+    if np.any(np.diff(known) < -_DAY / 2.0):
+        return None
+    return joined
 
 
 def _past_midnight(seconds: Array) -> Array:
