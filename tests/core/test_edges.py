@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core import load_model
-from hmcvt_core.model.model import HELD_OUTPUT
+from hmcvt_core.physics.balance import HELD_OUTPUT
 from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_core.transmission.stage import LAYOUTS
 
