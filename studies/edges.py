@@ -37,20 +37,6 @@ def differs(first, second, allowed):
     return ~is_none & ~(np.abs(first - second) <= allowed)
 
 
-def refused_by_choice(model, balance, solution, state, load_torque):
-    """Points with a state that the model refuses, as docs/theory.md says: a unit on the row rests.
-
-    In overrun this is the pump of an output-coupled stage. Under a load that is stated as power it
-    is the motor of an input-coupled stage, after the output has slowed down to it.
-    """
-    is_refused = np.isnan(solution.engine_torque) & np.isfinite(state.engine_torque)
-    if model.stage.layout == "output_coupled":
-        return is_refused & balance.pump_rests(state.output_speed)
-    rest = balance.resting_speed()
-    is_slowed = np.abs(state.output_speed) <= np.abs(rest) * (1.0 + 1e-9)
-    return is_refused & is_slowed & (load_torque > 0.0)
-
-
 def check(model, points):
     """Return the disagreements by kind, each of shape (n,)."""
     _, engine_speed, load_torque = points
@@ -77,9 +63,9 @@ def check(model, points):
     )
     balance = Balance(model.stage, model.parameters, *points)
     state = balance.solve()
-    skipped = (state.margin < CLOSE_LIMIT) | refused_by_choice(
-        model, balance, solution, state, load_torque
-    )
+    is_refused = np.isnan(solution.engine_torque) & np.isfinite(state.engine_torque)
+    is_refused &= balance.may_be_refused(state.output_speed)
+    skipped = (state.margin < CLOSE_LIMIT) | is_refused
     disagreements["independent torque"] = ~skipped & differs(
         state.engine_torque, solution.engine_torque, CLOSE_POWER * scale
     )

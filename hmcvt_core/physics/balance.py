@@ -76,6 +76,8 @@ class BalanceSolver:
         self.mechanical_ratio = stage.mechanical_speed_ratio
         self._parameters = parameters
         self._effects = tuple(effects)
+        self._pump_on_row = stage.layout == "output_coupled"
+        self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}
 
     @cached_property
@@ -90,27 +92,38 @@ class BalanceSolver:
         """Return efficiency, output speed and engine torque as read; NaN is no answer."""
         if self._effects:
             return self._iterated(points)
-        senses = self.senses(points)
-        return self.quadrant(senses).solve(points, self.resting(points))
+        if self._pump_on_row and not self._has_candidates:
+            return self._solved_on_row(points)
+        return self.quadrant(self.senses(points)).solve(points)
 
     def _iterated(self, points: OperatingPoints) -> Solution:
         efficiency, speed, _, torque = self.readings(points)
         return Solution(efficiency, speed, torque)
 
+    def _solved_on_row(self, points: OperatingPoints) -> Solution:
+        """Solve an output-coupled stage; the constants depend on the sense of the output alone."""
+        forward = self._starts(1, points)
+        columns = np.empty((3, forward.size))
+        ahead = points.map(lambda values: values[forward])
+        columns[:, forward] = self.quadrant(Senses(1)).solve(ahead)
+        back = points.map(lambda values: values[~forward])
+        resting = self._rests(back)
+        columns[:, ~forward] = self.quadrant(Senses(-1)).solve(back, resting)
+        return Solution(*columns)
+
     def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
         """Where friction holds the output: no sense has a torque at standstill; None: nowhere."""
-        if self.stage.layout != "output_coupled":
-            return None
-        if np.ndim(self._parameters.motor_damping) > 0:
+        if not self._pump_on_row or self._has_candidates:
             return None
         stands = ~self._starts(1, points)
         # Most points that do not start forward start backward: look at these alone.
-        still = points.map(lambda values: values[stands])
-        at_rest = ~self._starts(-1, still) & ~self.beyond_pole(still.displacement_ratio)
-        if not at_rest.any():
-            return None
-        stands[stands] = at_rest
-        return stands
+        stands[stands] = self._rests(points.map(lambda values: values[stands]))
+        return stands if stands.any() else None
+
+    def _rests(self, points: OperatingPoints) -> NDArray[np.bool_]:
+        """Where friction holds an output that does not start forward (output-coupled)."""
+        starts_backward = self._starts(-1, points)
+        return ~starts_backward & ~self.beyond_pole(points.displacement_ratio)
 
     def _starts(self, output_sense: int, points: OperatingPoints) -> NDArray[np.bool_]:
         """Where an output at rest without load starts in a sense (output-coupled)."""
@@ -135,7 +148,7 @@ class BalanceSolver:
             return DRAGGED
         if self.beyond_pole(np.asarray(displacement_ratio)).any():
             return BEYOND_POLE
-        if self.stage.layout == "output_coupled":
+        if self._pump_on_row:
             return self._refusal_on_row(displacement_ratio, load_torque)
         return STALLED
 
@@ -313,9 +326,9 @@ class BalanceSolver:
         For many candidates, as it does without damping, too.
         """
         stroke = points.displacement_ratio
-        if np.ndim(self._parameters.motor_damping) > 0:
+        if self._has_candidates:
             forward = speed_ratio(self.stage, stroke) > 0.0
-        elif self.stage.layout == "output_coupled":
+        elif self._pump_on_row:
             forward = self._starts(1, points)
         else:
             first = self.quadrant(FORWARD_PULL)

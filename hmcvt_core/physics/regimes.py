@@ -298,29 +298,37 @@ class Quadrant:
 
         At rest the pressure has the sign of e, the pump turns forward and takes torque.
         """
-        ahead = self._level_and_square(self.regimes[Regime.DRIVING], ratio)[0] > 0.0
-        back = self._level_and_square(self.regimes[Regime.REVERSED], ratio)[0] > 0.0
+        ahead = self._level(self.regimes[Regime.DRIVING], ratio) > 0.0
+        back = self._level(self.regimes[Regime.REVERSED], ratio) > 0.0
         return ((ratio > 0.0) & ahead) | ((ratio <= 0.0) & back)
 
     def quadratic(
         self, regime: RegimeConstants, ratio: Any, load: Any
     ) -> tuple[Any, Any, Any]:
         """Return B / 2A, L / A and A in one regime, for e and L."""
-        level, square = self._level_and_square(regime, ratio)
+        level = self._level(regime, ratio)
+        square = self._square(regime, ratio)
         return level / square, load / square, square
 
-    def _level_and_square(self, regime: RegimeConstants, ratio: Any) -> tuple[Any, Any]:
-        """Return B / 2 and A in one regime, for e."""
-        square = regime.square
+    def _level(self, regime: RegimeConstants, ratio: Any) -> Any:
+        """Return B / 2 in one regime, for e."""
         level = regime.level + regime.flow * ratio
-        if self.pump_on_row:
-            a, c = self.pump_ratios
-            rubbed = ratio + (regime.pump - 1.0) * abs(ratio)
-            brace = self.stiffness * regime.brace * rubbed
-            level = level + 0.5 * brace * a * ratio
-            fed_back = (self.stiffness * regime.motor + brace) * c * ratio
-            square = square + brace / self.hydraulic_ratio - fed_back
-        return level, square
+        if not self.pump_on_row:
+            return level
+        return level + 0.5 * self._brace(regime, ratio) * self.pump_ratios[0] * ratio
+
+    def _square(self, regime: RegimeConstants, ratio: Any) -> Any:
+        """Return A in one regime, for e."""
+        if not self.pump_on_row:
+            return regime.square
+        brace = self._brace(regime, ratio)
+        fed_back = (self.stiffness * regime.motor + brace) * self.pump_ratios[1] * ratio
+        return regime.square + brace / self.hydraulic_ratio - fed_back
+
+    def _brace(self, regime: RegimeConstants, ratio: Any) -> Any:
+        """Return what the pump braces per z, K rho (1 -+ c_fp) e, in one regime."""
+        rubbed = ratio + (regime.pump - 1.0) * abs(ratio)
+        return self.stiffness * regime.brace * rubbed
 
     def pump_speed(self, output: Any) -> Any:
         """Return z for y, eq. (4)."""

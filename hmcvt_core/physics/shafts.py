@@ -182,11 +182,12 @@ class Shafts(SteadyState):
         output = self.output(ratio, load)
         first = output * self.engine_speed / self.hydraulic_ratio
         pressure_unit = self.engine_speed / self.stage.pump_motor.motor_displacement
+        speed = first
+        pressure = self.pressure(ratio, output) * pressure_unit
         if self.effects:
-            speed, pressure = self._settled(first, np.sign(first))
-        else:
-            speed = first
-            pressure = self.pressure(ratio, output) * pressure_unit
+            speed, pressure = self._settled(
+                first, np.sign(first), closed_form_pressure=pressure
+            )
         if self.resting is not None:
             # The whole flow of the pump leaks while friction holds the output.
             leaking = self.pressure(ratio, 0.0) * pressure_unit
@@ -243,6 +244,7 @@ class Shafts(SteadyState):
         speed: Array,
         direction: Array,
         is_missed: Callable[[Array], NDArray[np.bool_]] = np.isnan,
+        closed_form_pressure: Array | None = None,
     ) -> Array:
         """Motor speed and pressure with every effect, from an estimate of the speed, (2, n)."""
         # Eqs (13), (14): the damping of the motor asks for pressure, which leaks.
@@ -254,6 +256,7 @@ class Shafts(SteadyState):
             lambda speed: (speed, direction, self.stroke),
             1.0 - self._row_share(self.stroke) + leaking / displacement**2,
             is_missed,
+            closed_form_pressure,
         )
 
     def stroke_for(self, output_speed: Array) -> Array:
@@ -277,6 +280,7 @@ class Shafts(SteadyState):
         motor_state: Callable[[Array], _MotorState],
         gain: Array,
         is_missed: Callable[[Array], NDArray[np.bool_]] = np.isnan,
+        closed_form_pressure: Array | None = None,
     ) -> Array:
         """Return the unknown and the pressure at which flow and motor speed agree, (2, n).
 
@@ -288,21 +292,31 @@ class Shafts(SteadyState):
             motor_state: gives motor speed, direction and stroke for an unknown.
             gain: what the unknown adds to the speed above that of the flow, about.
             is_missed: which solutions of the first attempt are to be sought again.
+            closed_form_pressure: to start from in a last attempt [Pa], shape (..., n).
         """
 
         def improved(unknown: Array, pressure: Array) -> Array:
             surplus, pressure = self._surplus(*motor_state(unknown), pressure)
             return np.array([unknown + surplus / gain, pressure])
 
-        start = np.stack([first, self._estimate(*motor_state(first))])
-        pressure_scale = np.full(start.shape[1:], _PRESSURE_SCALE)
-        scales = np.stack(np.broadcast_arrays(scale, pressure_scale))
-        solution = broyden(improved, start, scales)
-        # Where the closed form has an answer, a long step may have turned the output back.
-        has_start = np.isfinite(start).all(axis=0)
-        if (is_missed(solution[0]) & has_start).any():
+        def retried(solution: Array, pressure: Array) -> Array:
+            """Seek what is missed once more in short steps, from another pressure."""
+            start = np.stack([first, pressure])
+            # Where the closed form has an answer, a long step may have turned the output back.
+            has_start = np.isfinite(start).all(axis=0)
+            if not (is_missed(solution[0]) & has_start).any():
+                return solution
             careful = broyden(improved, start, scales, _SHORT_STEP)
-            solution = np.where(np.isnan(solution), careful, solution)
+            return np.where(np.isnan(solution), careful, solution)
+
+        estimate = self._estimate(*motor_state(first))
+        pressure_scale = np.full(estimate.shape, _PRESSURE_SCALE)
+        scales = np.stack(np.broadcast_arrays(scale, pressure_scale))
+        solution = broyden(improved, np.stack([first, estimate]), scales)
+        solution = retried(solution, estimate)
+        if closed_form_pressure is not None:
+            # Next to the pole the torques hardly determine a pressure, but the flow does.
+            solution = retried(solution, closed_form_pressure)
         return solution
 
     def _estimate(self, speed: Array, direction: Array, stroke: Array) -> Array:

@@ -2,15 +2,23 @@
 """The steady state without effects at one point, in plain floats.
 
 It gives what `SteadyState.solve` gives, to the last digit, in about a microsecond: a control loop
-waits for it. Constants are unpacked once, and the equations are written out: a call of a function
-or an attribute takes as long as three products.
+waits for it. Constants are floats that are unpacked once, and the usual regime, in which the motor
+drives, is written out: a call of a function takes as long as three products.
 """
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
-from .regimes import BACKWARD_REGIMES, FORWARD_PULL, SIGNS, Quadrant, Regime, Senses
+from .regimes import (
+    BACKWARD_REGIMES,
+    FORWARD_PULL,
+    SIGNS,
+    Quadrant,
+    Regime,
+    RegimeConstants,
+    Senses,
+)
 from .steady_state import ROUNDING, STANDING
 
 Point = tuple[float, float, float]
@@ -22,19 +30,6 @@ PointSolver = Callable[[float, float, float], Point]
 NO_ANSWER: Point = (math.nan, math.nan, math.nan)
 
 
-class _RowConstants(NamedTuple):
-    """Constants of one regime with the pump on the row."""
-
-    square: float
-    level: float
-    flow: float
-    motor: float
-    motor_drag: float
-    motor_stiffness: float
-    brace_stiffness: float
-    friction: float
-
-
 def point_solver(
     quadrant: Callable[[Senses], Quadrant],
 ) -> PointSolver:
@@ -44,237 +39,310 @@ def point_solver(
         quadrant: gives the constants of a quadrant.
     """
     if quadrant(FORWARD_PULL).pump_on_row:
-        return _pump_on_row(quadrant)
-    return _pump_at_engine(quadrant)
+        return _PumpOnRow(quadrant).solve
+    return _PumpAtEngine(quadrant).solve
 
 
-def _pump_at_engine(quadrant: Callable[[Senses], Quadrant]) -> PointSolver:
+@dataclass(frozen=True, slots=True)
+class _EngineRegime:
+    """Constants of one regime with the pump at the engine."""
+
+    square: float
+    level: float
+    flow: float
+
+
+@dataclass(frozen=True, slots=True)
+class _EngineQuadrant:
+    """Constants of one quadrant with the pump at the engine; `rest`: y of a motor at rest."""
+
+    flow_ratio: float
+    rest: float
+    sense: float
+    reflection: float
+    stall_load: float
+    mechanical_load: float
+    driving: _EngineRegime
+    driven: _EngineRegime
+    reversed: _EngineRegime
+
+
+class _PumpAtEngine:
     """Input-coupled and hydrostatic stages."""
-    first = quadrant(FORWARD_PULL)
-    a, h, stiffness = first.pump_ratios[0], first.hydraulic_ratio, first.stiffness
-    friction, damping = first.pump_friction, first.pump_damping
-    mean, half = first.pump_gears
-    standing, forward, sqrt = first.standing_ratio, first.flow_ratio, math.sqrt
 
-    def constants(output: int, power: int) -> tuple[float, ...]:
-        chosen = quadrant(Senses(output, power))
-        regimes: list[float] = []
-        for each in chosen.regimes:
-            regimes += [each.square, each.level, each.flow]
-        # As floats: a product with an integer takes three times as long.
-        return (
-            float(chosen.flow_ratio),
-            float(chosen.mechanical_ratio),
-            float(chosen.sense),
-            float(chosen.reflection),
-            float(chosen.stall_load),
-            float(chosen.mechanical_load),
-            *regimes,
+    def __init__(self, quadrant: Callable[[Senses], Quadrant]) -> None:
+        first = quadrant(FORWARD_PULL)
+        self._engine_share = first.pump_ratios[0]
+        self._hydraulic_ratio = first.hydraulic_ratio
+        self._standing_ratio = first.standing_ratio
+        self._forward = first.flow_ratio
+        self._stiffness = first.stiffness
+        self._friction = first.pump_friction
+        self._damping = first.pump_damping
+        self._gear_mean, self._gear_half = first.pump_gears
+        self._ahead = (
+            _engine_quadrant(quadrant(Senses(1, 1))),
+            _engine_quadrant(quadrant(Senses(1, -1))),
+        )
+        self._back = (
+            _engine_quadrant(quadrant(Senses(-1, 1))),
+            _engine_quadrant(quadrant(Senses(-1, -1))),
         )
 
-    forward_pull, forward_overrun = constants(1, 1), constants(1, -1)
-    backward_pull, backward_overrun = constants(-1, 1), constants(-1, -1)
-
     def solve(
-        displacement_ratio: float, engine_speed: float, load_torque: float
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> Point:
-        if (displacement_ratio - standing) * forward > 0.0:
-            chosen = forward_pull if load_torque >= 0.0 else forward_overrun
+        if (displacement_ratio - self._standing_ratio) * self._forward > 0.0:
+            pull, overrun = self._ahead
         else:
-            chosen = backward_pull if load_torque >= 0.0 else backward_overrun
-        (
-            flow_ratio,
-            rest,
-            sense,
-            reflection,
-            stall_load,
-            mechanical_load,
-            square,
-            level,
-            flow,
-            square_1,
-            level_1,
-            flow_1,
-            square_2,
-            level_2,
-            flow_2,
-        ) = chosen
-        ratio = flow_ratio * displacement_ratio
+            pull, overrun = self._back
+        chosen = pull if load_torque >= 0.0 else overrun
+        rest = chosen.rest
+        sense = chosen.sense
+        ratio = chosen.flow_ratio * displacement_ratio
         load = load_torque / engine_speed
-        # The motor drives.
-        middle = (level + flow * ratio) / square
-        inside = middle * middle - load / square
+        regime = chosen.driving
+        middle = (regime.level + regime.flow * ratio) / regime.square
+        inside = middle * middle - load / regime.square
         if inside >= 0.0:
-            output = middle + sense * sqrt(inside) if load else 2.0 * middle
-        elif load > stall_load:
+            output = middle + sense * math.sqrt(inside) if load else 2.0 * middle
+        elif load > chosen.stall_load:
             return NO_ANSWER
         else:
             output = rest
         if not output > rest:
-            # The motor is driven, or friction holds it.
-            middle = (level_1 + flow_1 * ratio) / square_1
-            inside = middle * middle - load / square_1
-            is_reversed = True
-            if inside >= 0.0:
-                output = middle + sense * sqrt(inside) if load else 2.0 * middle
-                if output >= rest:
-                    output = rest
-                    is_reversed = False
-                else:
-                    is_reversed = ratio * a < (output - rest) / h
-            if is_reversed:
-                middle = (level_2 + flow_2 * ratio) / square_2
-                inside = middle * middle - load / square_2
-                if not inside >= 0.0:
-                    return NO_ANSWER
-                output = middle + sense * sqrt(inside) if load else 2.0 * middle
+            output = self._slower_output(chosen, ratio, load)
         if not output * sense > 0.0:
             if load:
                 return NO_ANSWER
             output = output or STANDING
-        ideal = ratio * (stiffness * (ratio * a - (output - rest) / h))
-        torque = ideal + friction * abs(ideal) + damping * a
-        torque = mechanical_load * load / output + mean * torque + half * abs(torque)
+        a = self._engine_share
+        motor = (output - rest) / self._hydraulic_ratio
+        ideal = ratio * (self._stiffness * (ratio * a - motor))
+        pump = ideal + self._friction * abs(ideal) + self._damping * a
+        carried = chosen.mechanical_load * load / output
+        torque = carried + self._gear_mean * pump + self._gear_half * abs(pump)
         torque *= engine_speed
         efficiency = _efficiency(load_torque, torque)
-        return efficiency, reflection * engine_speed * output, torque
+        return efficiency, chosen.reflection * engine_speed * output, torque
 
-    return solve
+    def _slower_output(
+        self, chosen: _EngineQuadrant, ratio: float, load: float
+    ) -> float:
+        """Return y of a motor that is driven, or held by friction; NaN where there is none."""
+        rest = chosen.rest
+        output = _engine_root(chosen.driven, chosen.sense, ratio, load)
+        if output >= rest:
+            return rest
+        if output < rest:
+            motor = (output - rest) / self._hydraulic_ratio
+            is_reversed = ratio * self._engine_share < motor
+            if not is_reversed:
+                return output
+        return _engine_root(chosen.reversed, chosen.sense, ratio, load)
 
 
-def _pump_on_row(quadrant: Callable[[Senses], Quadrant]) -> PointSolver:
+def _engine_quadrant(quadrant: Quadrant) -> _EngineQuadrant:
+    regimes = []
+    for regime in quadrant.regimes:
+        regimes.append(_EngineRegime(regime.square, regime.level, regime.flow))
+    # As floats: a product with an integer takes three times as long.
+    return _EngineQuadrant(
+        float(quadrant.flow_ratio),
+        float(quadrant.mechanical_ratio),
+        float(quadrant.sense),
+        float(quadrant.reflection),
+        float(quadrant.stall_load),
+        float(quadrant.mechanical_load),
+        *regimes,
+    )
+
+
+def _engine_root(
+    regime: _EngineRegime, sense: float, ratio: float, load: float
+) -> float:
+    """Return y in one regime; NaN without a root."""
+    middle = (regime.level + regime.flow * ratio) / regime.square
+    inside = middle * middle - load / regime.square
+    if not inside >= 0.0:
+        return math.nan
+    return middle + sense * math.sqrt(inside) if load else 2.0 * middle
+
+
+@dataclass(frozen=True, slots=True)
+class _RowRegime:
+    """Constants of one regime with the pump on the row."""
+
+    square: float
+    level: float
+    flow: float
+    motor_stiffness: float
+    brace_stiffness: float
+    friction: float
+
+
+@dataclass(frozen=True, slots=True)
+class _RowSense:
+    """Constants of one sense of the output with the pump on the row."""
+
+    flow_ratio: float
+    output_share: float
+    reflection: float
+    motor: float
+    motor_drag: float
+    regimes: list[_RowRegime]
+
+
+# Comparing members of an enumeration would take longer than the equations.
+_DRIVING = int(Regime.DRIVING)
+_DRIVEN = int(Regime.DRIVEN)
+_REVERSED = int(Regime.REVERSED)
+_MOTORED = int(Regime.MOTORED)
+
+
+class _PumpOnRow:
     """Output-coupled stages."""
-    first = quadrant(FORWARD_PULL)
-    a, h, stiffness = first.pump_ratios[0], first.hydraulic_ratio, first.stiffness
-    friction, damping = first.pump_friction, first.pump_damping
-    mean, half = first.pump_gears
-    backward_mean, backward_half = first.backward_gears
-    sqrt = math.sqrt
-    # Comparing members of an enumeration would take longer than the equations.
-    driving, driven, is_reversed = map(int, list(Regime)[:3])
-    turning_forward = range(int(Regime.BACKWARD))
 
-    def constants(output: int) -> tuple[float, float, float, list[_RowConstants]]:
-        chosen = quadrant(Senses(output))
-        every_regime = [
-            _RowConstants(
-                each.square,
-                each.level,
-                each.flow,
-                each.motor,
-                each.motor_drag,
-                stiffness * each.motor,
-                stiffness * each.brace,
-                each.pump - 1.0,
-            )
-            for each in chosen.regimes
-        ]
-        flow_ratio, reflection = float(chosen.flow_ratio), float(chosen.reflection)
-        return flow_ratio, chosen.pump_ratios[1], reflection, every_regime
-
-    ahead, back = constants(1), constants(-1)
-
-    def starts(ratio: float, every_regime: list[_RowConstants]) -> bool:
-        constant = every_regime[driving if ratio > 0.0 else is_reversed]
-        held = constant.brace_stiffness * (ratio + constant.friction * abs(ratio))
-        level = constant.level + constant.flow * ratio
-        return level + 0.5 * held * a * ratio > 0.0
-
-    def backward_point(
-        chosen: tuple[float, float, float, list[_RowConstants]],
-        ratio: float,
-        load_torque: float,
-        engine_speed: float,
-    ) -> Point:
-        _, c, reflection, every_regime = chosen
-        load = load_torque / engine_speed
-        for regime in BACKWARD_REGIMES:
-            square, level, flow, _, _, stiff, brace, rubbing = every_regime[regime]
-            held = brace * (ratio + rubbing * abs(ratio))
-            square = square + held / h - (stiff + held) * c * ratio
-            middle = (level + flow * ratio + 0.5 * held * a * ratio) / square
-            inside = middle * middle - load / square
-            if not inside >= 0.0 or square <= 0.0:
-                continue
-            output = middle + sqrt(inside) if load else 2.0 * middle
-            pump_speed = a + c * output
-            pressure = stiffness * (ratio * pump_speed - output / h)
-            ideal = ratio * pressure
-            pump = ideal - friction * abs(ideal) + damping * pump_speed
-            if pump * SIGNS[regime].pump < 0.0 or pressure > 0.0:
-                continue
-            if not pump_speed < 0.0:
-                continue
-            torque = backward_mean * pump + backward_half * abs(pump)
-            torque *= engine_speed
-            efficiency = _efficiency(load_torque, torque)
-            return efficiency, reflection * engine_speed * output, torque
-        return NO_ANSWER
+    def __init__(self, quadrant: Callable[[Senses], Quadrant]) -> None:
+        first = quadrant(FORWARD_PULL)
+        self._engine_share = first.pump_ratios[0]
+        self._hydraulic_ratio = first.hydraulic_ratio
+        self._stiffness = first.stiffness
+        self._friction = first.pump_friction
+        self._damping = first.pump_damping
+        self._gears = first.pump_gears
+        self._backward_gears = first.backward_gears
+        self._ahead = _row_sense(quadrant(Senses(1)))
+        self._back = _row_sense(quadrant(Senses(-1)))
 
     def solve(
-        displacement_ratio: float, engine_speed: float, load_torque: float
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
     ) -> Point:
-        chosen = ahead
-        flow_ratio, c, reflection, every_regime = ahead
-        ratio = flow_ratio * displacement_ratio
+        chosen = self._ahead
+        ratio = chosen.flow_ratio * displacement_ratio
         stands = False
-        if not starts(ratio, every_regime):
-            chosen = back
-            flow_ratio, c, reflection, every_regime = back
-            ratio = flow_ratio * displacement_ratio
-            stands = not starts(ratio, every_regime)
+        if not self._starts(chosen, ratio):
+            chosen = self._back
+            ratio = chosen.flow_ratio * displacement_ratio
+            stands = not self._starts(chosen, ratio)
         load = load_torque / engine_speed
+        c = chosen.output_share
+        h = self._hydraulic_ratio
         if h * c * ratio >= 1.0 or (stands and load):
             return NO_ANSWER
-        if stands:
+        output = STANDING if stands else self._output(chosen, ratio, load)
+        if not load and output == 0.0:
             output = STANDING
-        else:
-            output = math.nan
-            for regime in turning_forward:
-                constant = every_regime[regime]
-                square, level, flow, motor, drag, stiff, brace, rubbing = constant
-                held = brace * (ratio + rubbing * abs(ratio))
-                square = square + held / h - (stiff + held) * c * ratio
-                middle = (level + flow * ratio + 0.5 * held * a * ratio) / square
-                inside = middle * middle - load / square
-                if not inside >= 0.0 or square <= 0.0:
-                    if regime == driving:
-                        return NO_ANSWER
-                    continue
-                speed = middle + sqrt(inside) if load else 2.0 * middle
-                pressure = stiffness * (ratio * (a + c * speed) - speed / h)
-                if regime == driving:
-                    if motor * pressure > drag * speed / h:
-                        output = speed
-                        break
-                elif regime == driven:
-                    if pressure >= 0.0:
-                        output = speed
-                        break
-                else:
-                    ideal = ratio * pressure
-                    pump = ideal + friction * abs(ideal) + damping * (a + c * speed)
-                    bound = ROUNDING * stiffness * speed
-                    if regime == is_reversed:
-                        if pump >= 0.0:
-                            output = speed if pressure <= bound else math.nan
-                            break
-                    elif pressure <= bound and pump <= bound:
-                        output = speed
-            if not load and output == 0.0:
-                output = STANDING
-            if not output > 0.0:
-                return NO_ANSWER
-        pump_speed = a + c * output
+        if not output > 0.0:
+            return NO_ANSWER
+        pump_speed = self._engine_share + c * output
+        gears = self._gears
+        turning = 1.0
         if pump_speed < 0.0:
-            return backward_point(chosen, ratio, load_torque, engine_speed)
-        ideal = ratio * (stiffness * (ratio * pump_speed - output / h))
-        torque = ideal + friction * abs(ideal) + damping * pump_speed
-        torque = (mean * torque + half * abs(torque)) * engine_speed
+            output = self._backward_output(chosen, ratio, load)
+            pump_speed = self._engine_share + c * output
+            gears = self._backward_gears
+            turning = -1.0
+        ideal = ratio * (self._stiffness * (ratio * pump_speed - output / h))
+        friction = turning * (self._friction * abs(ideal))
+        torque = ideal + friction + self._damping * pump_speed
+        torque = (gears[0] * torque + gears[1] * abs(torque)) * engine_speed
         efficiency = _efficiency(load_torque, torque)
-        return efficiency, reflection * engine_speed * output, torque
+        return efficiency, chosen.reflection * engine_speed * output, torque
 
-    return solve
+    def _starts(self, chosen: _RowSense, ratio: float) -> bool:
+        """Whether an output at rest without load starts in a sense."""
+        regime = chosen.regimes[_DRIVING if ratio > 0.0 else _REVERSED]
+        held = regime.brace_stiffness * (ratio + regime.friction * abs(ratio))
+        level = regime.level + regime.flow * ratio
+        return level + 0.5 * held * self._engine_share * ratio > 0.0
+
+    def _output(self, chosen: _RowSense, ratio: float, load: float) -> float:
+        """Return y while the pump turns forward; NaN where there is none."""
+        c = chosen.output_share
+        regimes = chosen.regimes
+        a = self._engine_share
+        h = self._hydraulic_ratio
+        stiffness = self._stiffness
+        output = self._root(regimes[_DRIVING], c, ratio, load)
+        pressure = stiffness * (ratio * (a + c * output) - output / h)
+        # No root while the motor drives: the load is not carried in any regime.
+        drag = chosen.motor_drag * output / h
+        if chosen.motor * pressure > drag or math.isnan(output):
+            return output
+        output = self._root(regimes[_DRIVEN], c, ratio, load)
+        pressure = stiffness * (ratio * (a + c * output) - output / h)
+        if pressure >= 0.0:
+            return output
+        output = self._root(regimes[_REVERSED], c, ratio, load)
+        pressure, pump = self._pressure_and_pump(c, ratio, output)
+        is_motored = not pump >= 0.0
+        if is_motored:
+            output = self._root(regimes[_MOTORED], c, ratio, load)
+            pressure, pump = self._pressure_and_pump(c, ratio, output)
+        bound = ROUNDING * stiffness * output
+        is_wrong = pressure > bound or (is_motored and pump > bound)
+        return math.nan if is_wrong else output
+
+    def _backward_output(self, chosen: _RowSense, ratio: float, load: float) -> float:
+        """Return y with the pump turned backward; NaN where it does not turn so."""
+        c = chosen.output_share
+        for regime in BACKWARD_REGIMES:
+            output = self._root(chosen.regimes[regime], c, ratio, load)
+            pressure, pump = self._pressure_and_pump(c, ratio, output, -1.0)
+            is_consistent = pump * SIGNS[regime].pump >= 0.0 and pressure <= 0.0
+            if is_consistent and self._engine_share + c * output < 0.0:
+                return output
+        return math.nan
+
+    def _root(self, regime: _RowRegime, c: float, ratio: float, load: float) -> float:
+        """Return y in one regime; NaN without a root."""
+        held = regime.brace_stiffness * (ratio + regime.friction * abs(ratio))
+        fed_back = (regime.motor_stiffness + held) * c * ratio
+        square = regime.square + held / self._hydraulic_ratio - fed_back
+        level = regime.level + regime.flow * ratio
+        middle = (level + 0.5 * held * self._engine_share * ratio) / square
+        inside = middle * middle - load / square
+        if not inside >= 0.0 or square <= 0.0:
+            return math.nan
+        return middle + math.sqrt(inside) if load else 2.0 * middle
+
+    def _pressure_and_pump(
+        self, c: float, ratio: float, output: float, turning: float = 1.0
+    ) -> tuple[float, float]:
+        """Return pi and P for a y; the pump turns forward (1) or backward (-1)."""
+        pump_speed = self._engine_share + c * output
+        motor = output / self._hydraulic_ratio
+        pressure = self._stiffness * (ratio * pump_speed - motor)
+        ideal = ratio * pressure
+        friction = turning * (self._friction * abs(ideal))
+        return pressure, ideal + friction + self._damping * pump_speed
+
+
+def _row_sense(quadrant: Quadrant) -> _RowSense:
+    driving = quadrant.regimes[_DRIVING]
+    regimes = []
+    for regime in quadrant.regimes:
+        regimes.append(_row_regime(regime, quadrant.stiffness))
+    return _RowSense(
+        float(quadrant.flow_ratio),
+        quadrant.pump_ratios[1],
+        float(quadrant.reflection),
+        driving.motor,
+        driving.motor_drag,
+        regimes,
+    )
+
+
+def _row_regime(regime: RegimeConstants, stiffness: float) -> _RowRegime:
+    return _RowRegime(
+        regime.square,
+        regime.level,
+        regime.flow,
+        stiffness * regime.motor,
+        stiffness * regime.brace,
+        regime.pump - 1.0,
+    )
 
 
 def _efficiency(load_torque: float, engine_torque: float) -> float:

@@ -20,16 +20,14 @@ def number(value: object, place: str, low: float = -math.inf) -> float:
     if isinstance(value, str):
         with contextlib.suppress(ValueError):
             value = float(value)
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not abs(value) < _HUGE
-        or value < low
-    ):
-        raise InputError(
-            f"{place} = {value!r} is not a finite number"
-            + (f" of at least {low:g}" if math.isfinite(low) else "")
-        )
+    limit = ""
+    if math.isfinite(low):
+        limit = f" of at least {low:g}"
+    error = InputError(f"{place} = {value!r} is not a finite number{limit}")
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise error
+    if not abs(value) < _HUGE or value < low:
+        raise error
     return float(value)
 
 
@@ -41,7 +39,8 @@ def quantity(entry: object, unit: str, where: str) -> tuple[float, str]:
     """
     if not isinstance(entry, Mapping):
         return number(entry, where), where
-    if (stated := entry.get("unit", unit)) != unit:
+    stated = entry.get("unit", unit)
+    if stated != unit:
         raise InputError(f"{where}.unit = {stated!r}; needs {unit!r}")
     return Section(entry, f"{where}.").number("value"), f"{where}.value"
 

@@ -48,18 +48,13 @@ class HydraulicParameters:
         self, standard_errors: Mapping[str, float]
     ) -> dict[str, dict[str, Any]]:
         """Return value, unit and, where it is known, standard error of each by name."""
-        return {
-            name: {
-                "value": getattr(self, name),
-                "unit": PARAMETER_UNITS[name],
-                **(
-                    {"standard_error": float(standard_errors[name])}
-                    if name in standard_errors
-                    else {}
-                ),
-            }
-            for name in PARAMETER_NAMES
-        }
+        entries = {}
+        for name in PARAMETER_NAMES:
+            entry = {"value": getattr(self, name), "unit": PARAMETER_UNITS[name]}
+            if name in standard_errors:
+                entry["standard_error"] = float(standard_errors[name])
+            entries[name] = entry
+        return entries
 
 
 class Candidates(NamedTuple):
@@ -76,7 +71,7 @@ Parameters = HydraulicParameters | Candidates
 # Searches and refits work in scaled variables: log10 of the leakage, which spans decades; the
 # dampings as they are, so that zero can be reached.
 SEARCH_BOUNDS = np.array([[-13.0, -10.0], [0.0, 1.0], [0.0, 1.5]])
-"""Where the identification looks, in scaled variables, shape (3, 2)."""
+"""Limits within which the identification searches, in scaled variables, shape (3, 2)."""
 
 PRIOR_MEAN = np.array([-10.8, 0.15, 0.20])
 PRIOR_SPREAD = np.array([0.6, 0.25, 0.40])
@@ -93,9 +88,8 @@ def to_scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def from_scaled(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return parameters (leakage, f_m, f_p) of scaled variables, shape (..., 3)."""
     values = np.array(scaled, dtype=float)
-    values[..., 0] = np.float_power(
-        10.0, values[..., 0]
-    )  # not **: NumPy 1.26 rounds 1e-10 down
+    # Not **: NumPy 1.26 rounds 1e-10 down.
+    values[..., 0] = np.float_power(10.0, values[..., 0])
     return values
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,8 @@ class Range:
 
     Attributes:
         name: the quantity, as it is called in files and arguments.
-        low, high: the limits, in `unit`.
+        low: lowest value, in `unit`.
+        high: highest value, in `unit`.
         unit: the unit, `-` for a plain number.
         hint: what to suspect when a value is outside.
     """
@@ -40,11 +40,13 @@ class Range:
     hint: str = ""
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "-" else f" {self.unit}"
-        return f"{self.low:g} to {self.high:g}{unit}"
+        text = f"{self.low:g} to {self.high:g}"
+        if self.unit == "-":
+            return text
+        return f"{text} {self.unit}"
 
     def contains(self, value: ArrayLike) -> NDArray[np.bool_]:
-        """Tell, element by element, which values are finite and inside."""
+        """Return, element by element, which values are finite and inside."""
         array = np.asarray(value, dtype=float)
         return (array >= self.low) & (array <= self.high)
 
@@ -145,14 +147,16 @@ class OperatingPoints(NamedTuple):
         Raises:
             InputError: a value is out of range, or the shapes do not broadcast.
         """
-        given: list[Any] = [
-            *(
-                limits.check(value)
-                for limits, value in zip(_ANY_POINT, point, strict=True)
-            ),
-            None if oil_temperature is None else OIL_TEMPERATURE.check(oil_temperature),
-            None if stage is None else np.asarray(stage, dtype=str),
-        ]
+        given: list[Any] = []
+        for limits, value in zip(_ANY_POINT, point, strict=True):
+            given.append(limits.check(value))
+        temperature = None
+        if oil_temperature is not None:
+            temperature = OIL_TEMPERATURE.check(oil_temperature)
+        names = None
+        if stage is not None:
+            names = np.asarray(stage, dtype=str)
+        given += [temperature, names]
         shapes = [column.shape for column in given if column is not None]
         try:
             shape = np.broadcast_shapes(*shapes)
@@ -165,9 +169,10 @@ class OperatingPoints(NamedTuple):
 
     def map(self, function: Any) -> OperatingPoints:
         """Return the points with a function applied to each array."""
-        return OperatingPoints._make(
-            None if axis is None else function(axis) for axis in self
-        )
+        columns = []
+        for axis in self:
+            columns.append(None if axis is None else function(axis))
+        return OperatingPoints._make(columns)
 
     def solved(self, solve: Callable[[str | None, OperatingPoints], Any]) -> Array:
         """Rows that a function gives, for each stage and its points; shape (rows, ..., *shape).
@@ -177,25 +182,36 @@ class OperatingPoints(NamedTuple):
                 (..., n).
         """
         flat = self.map(np.ravel)
-        size = flat.engine_speed.size
-        parts: list[tuple[str | None, Any]] = [
-            (None, slice(i, i + CHUNK)) for i in range(0, max(size, 1), CHUNK)
-        ]
-        if staged := flat.stage is not None and size > 0:
-            parts = [
-                (name, at[i : i + CHUNK])
-                for name in dict.fromkeys(flat.stage.tolist())
-                for at in np.nonzero(flat.stage == name)
-                for i in range(0, len(at), CHUNK)
-            ]
         plain = flat._replace(stage=None)
-        rows = np.concatenate(
-            [np.stack(solve(name, plain.map(itemgetter(at)))) for name, at in parts],
-            axis=-1,
-        )
-        if staged:
-            rows[..., np.concatenate([at for _, at in parts])] = rows.copy()
+        if flat.stage is None or flat.engine_speed.size == 0:
+            rows = plain._solved_in_chunks(None, solve)
+            return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
+        parts = []
+        positions = []
+        for name in dict.fromkeys(flat.stage.tolist()):
+            (at,) = np.nonzero(flat.stage == name)
+            engaged = plain._at(at)
+            parts.append(engaged._solved_in_chunks(name, solve))
+            positions.append(at)
+        by_stage = np.concatenate(parts, axis=-1)
+        rows = np.empty_like(by_stage)
+        rows[..., np.concatenate(positions)] = by_stage
         return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
+
+    def _solved_in_chunks(
+        self, stage: str | None, solve: Callable[[str | None, OperatingPoints], Any]
+    ) -> Array:
+        """Rows that a function gives for points of one stage, shape (rows, ..., n)."""
+        parts = []
+        # Without a point one empty call gives the number of rows.
+        for start in range(0, max(self.engine_speed.size, 1), CHUNK):
+            chunk = self._at(slice(start, start + CHUNK))
+            parts.append(np.stack(solve(stage, chunk)))
+        return np.concatenate(parts, axis=-1)
+
+    def _at(self, positions: Any) -> OperatingPoints:
+        """Return the points at positions: an index array, a mask or a slice."""
+        return self.map(lambda axis: axis[positions])
 
 
 class Solution(NamedTuple):
@@ -203,9 +219,9 @@ class Solution(NamedTuple):
 
     Attributes:
         efficiency: output power / engine power [-]; in overrun (negative load) engine power /
-            output power, NaN where the wheels do not turn the engine all alone.
+            output power, NaN where the wheels alone do not turn the engine.
         output_speed: [rad/s], negative backward.
-        engine_torque: [N m]; there where no efficiency is.
+        engine_torque: [N m]; known also where the efficiency is not.
     """
 
     efficiency: Array
@@ -216,9 +232,10 @@ class Solution(NamedTuple):
     def of(
         cls, load_torque: Array, engine_torque: Array, output_speed: Array
     ) -> Solution:
-        """Solution with the efficiency that the torques tell."""
+        """Return a solution with the efficiency that follows from the torques."""
         efficiency = np.where(engine_torque > 0.0, load_torque / engine_torque, np.nan)
-        if (overrun := load_torque < 0.0).any():
+        overrun = load_torque < 0.0
+        if overrun.any():
             back = np.where(engine_torque < 0.0, engine_torque / load_torque, np.nan)
             efficiency = np.where(overrun, back, efficiency)
         return cls(efficiency, output_speed, engine_torque)

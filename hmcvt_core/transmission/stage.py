@@ -83,8 +83,10 @@ class PumpMotor:
     """Variable pump and constant-displacement motor in closed circuit.
 
     Attributes:
-        pump_displacement, motor_displacement: V_p, V_m at full stroke [m3/rad].
-        pump_friction, motor_friction: c_fp, c_fm, friction torque / pressure torque [-].
+        pump_displacement: V_p at full stroke [m3/rad].
+        motor_displacement: V_m [m3/rad].
+        pump_friction: c_fp, friction torque / pressure torque [-].
+        motor_friction: c_fm, friction torque / pressure torque [-].
     """
 
     pump_displacement: float
@@ -108,14 +110,14 @@ class Stage:
     Attributes:
         name: such as `HM4`.
         planetary_constant: k = teeth of ring / teeth of sun [-]; 0 without a row.
-        mechanical, output: the paths engine -> row and row -> output; in a hydrostatic stage the
-            first is empty and the second leads on from the motor's.
+        mechanical: the path engine -> row; empty in a hydrostatic stage.
+        output: the path row -> output; in a hydrostatic stage it follows the motor path.
         motor: the path motor -> row, or motor -> output shaft.
         pump: the path engine -> pump, or row -> pump; direction 1: the sense of the displacement
             ratio is that of the motor path.
-        mechanical_member, motor_member, output_member: `sun`, `ring` or `carrier`, all different;
-            `motor_member` is the one of the hydraulic path, output-coupled the pump's. Empty
-            without a row.
+        mechanical_member: `sun`, `ring` or `carrier`; empty without a row.
+        motor_member: another one, of the hydraulic path: output-coupled that of the pump.
+        output_member: the third one.
         pump_motor: the hydraulic units.
         layout: one of `LAYOUTS`.
         reverse: whether the mechanical path drives the output backward: its speed is negative.
@@ -174,14 +176,15 @@ class Stage:
             members,
             "sun, ring and carrier, each once",
         )
+        standing_unit = "pump" if self.layout == "output_coupled" else "motor"
+        allowed = "more than 0; check the directions, or say reverse: true"
+        if self.reverse:
+            allowed = "less than 0 in a reverse stage"
         _require(
             (self.mechanical_speed_ratio < 0.0) == self.reverse,
-            f"{where}output speed per engine speed at standing "
-            + ("pump" if self.layout == "output_coupled" else "motor"),
+            f"{where}output speed per engine speed at standing {standing_unit}",
             self.mechanical_speed_ratio,
-            "less than 0 in a reverse stage"
-            if self.reverse
-            else "more than 0; check the directions, or say reverse: true",
+            allowed,
         )
 
     @property
@@ -195,11 +198,9 @@ class Stage:
 
         That is the motor, output-coupled the pump; 0 without a row.
         """
-        return (
-            self._output_share(self.mechanical, self.mechanical_member)
-            if self.has_row
-            else 0.0
-        )
+        if not self.has_row:
+            return 0.0
+        return self._output_share(self.mechanical, self.mechanical_member)
 
     @cached_property
     def motor_speed_ratio(self) -> float:
@@ -222,14 +223,11 @@ class Stage:
         """Sun speed against the carrier per engine and per output speed [-]; 0 without a row."""
         if not self.has_row:
             return 0.0, 0.0
+        engine = self.mechanical.direction / self.mechanical.ratio
+        output = self.output.direction * self.output.ratio
         return (
-            self._rolling(
-                self.mechanical_member,
-                self.mechanical.direction / self.mechanical.ratio,
-            ),
-            self._rolling(
-                self.output_member, self.output.direction * self.output.ratio
-            ),
+            self._rolling(self.mechanical_member, engine),
+            self._rolling(self.output_member, output),
         )
 
     def _rolling(self, member: str, speed: float) -> float:
@@ -241,7 +239,9 @@ class Stage:
         return speeds.get("sun", 0.0) - speeds.get("carrier", 0.0)
 
     def _output_share(self, path: Path, member: str) -> float:
-        row = self._member_ratio(member, self.output_member) if self.has_row else 1.0
+        row = 1.0
+        if self.has_row:
+            row = self._member_ratio(member, self.output_member)
         return (
             path.direction
             * self.output.direction
@@ -275,16 +275,12 @@ class Stage:
         )
 
     def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], float]) -> Stage:
-        renewed: dict[str, Any] = {
-            name: replace(
-                path,
-                gear_pairs=tuple(
-                    replace(pair, efficiency=efficiency(pair))
-                    for pair in path.gear_pairs
-                ),
-            )
-            for name, path in self.paths.items()
-        }
+        renewed: dict[str, Any] = {}
+        for name, path in self.paths.items():
+            pairs = []
+            for pair in path.gear_pairs:
+                pairs.append(replace(pair, efficiency=efficiency(pair)))
+            renewed[name] = replace(path, gear_pairs=tuple(pairs))
         return replace(self, **renewed)
 
     @classmethod
@@ -298,96 +294,57 @@ class Stage:
         Raises:
             InputError: a field is missing or wrong; it is named.
         """
-        file, stages = Section(data), Section(data).section("stages")
+        file = Section(data)
+        stages = file.section("stages")
         if name is None:
-            if len(stages.data) != 1:
-                raise InputError(
-                    f"stages holds {', '.join(map(str, stages.data))}: say which one"
-                )
-            name = str(next(iter(stages.data)))
+            name = _only_name(stages)
         entry = stages.section(name)
-        said, where = entry.data, entry.where
-        layout, reverse = (
-            str(said.get("layout", LAYOUTS[0])),
-            said.get("reverse", False),
-        )
+        layout = str(entry.data.get("layout", LAYOUTS[0]))
+        reverse = entry.data.get("reverse", False)
+        where = entry.where
         _require(layout in LAYOUTS, f"{where}layout", layout, ", ".join(LAYOUTS))
         _require(isinstance(reverse, bool), f"{where}reverse", reverse, "true or false")
-        on_row = _members_of(layout)
-        _require(
-            bool(on_row) or "mechanical" not in said,
-            f"{where}mechanical",
-            "given",
-            "nothing: a hydrostatic stage has no mechanical path",
-        )
-        made: dict[str, Any] = {
-            "planetary_constant": 0.0,
-            "mechanical": Path(()),
-            "mechanical_member": "",
-            "motor_member": "",
-            "output_member": "",
-        }
-        if on_row:
-            _require_row(said, where)
-            row = entry.get("planetary_row")
-            made["planetary_constant"] = file.section("planetary_rows").number(row)
-        for key in _PATHS if on_row else _PATHS[1:]:
-            path = entry.section(key)
-            made[key] = _path(file, path)
-            if key in on_row:
-                made[on_row[key]] = str(path.get("member"))
-            else:
-                _require(
-                    "member" not in path.data,
-                    f"{path.where}member",
-                    "given",
-                    f"nothing: {layout} this path does not end at the row",
-                )
-        slips, place = said.get("open_clutches", {}), f"{where}open_clutches"
-        _require(
-            isinstance(slips, Mapping)
-            and all(
-                isinstance(slip, list) and len(slip) == 2 for slip in slips.values()
-            ),
-            place,
-            slips,
-            "name: [slip per engine speed, per output speed]",
-        )
-        made["open_clutches"] = tuple(
-            (str(key), *(number(value, place) for value in slip))
-            for key, slip in slips.items()
-        )
+        if layout == "hydrostatic":
+            _require(
+                "mechanical" not in entry.data,
+                f"{where}mechanical",
+                "given",
+                "nothing: a hydrostatic stage has no mechanical path",
+            )
         return cls(
             name=name,
-            pump_motor=_pump_motor(file.section("pump_motor")),
             layout=layout,
             reverse=reverse,
-            **made,
+            **_row_and_paths(file, entry, layout),
+            open_clutches=_open_clutches(entry),
+            pump_motor=_pump_motor(file.section("pump_motor")),
         )
 
     def _entry(self, rows: Mapping[float, str]) -> dict[str, Any]:
         """What a file says of this stage, with names of the planetary constants."""
-        said: dict[str, Any] = (
-            {"layout": self.layout} if self.layout != LAYOUTS[0] else {}
-        )
-        on_row = _members_of(self.layout)
+        entry: dict[str, Any] = {}
+        if self.layout != LAYOUTS[0]:
+            entry["layout"] = self.layout
         if self.reverse:
-            said["reverse"] = True
+            entry["reverse"] = True
         if self.open_clutches:
-            said["open_clutches"] = {
-                name: list(slip) for name, *slip in self.open_clutches
-            }
+            slips = {}
+            for clutch, *slip in self.open_clutches:
+                slips[clutch] = list(slip)
+            entry["open_clutches"] = slips
         if self.has_row:
-            said["planetary_row"] = rows[self.planetary_constant]
+            entry["planetary_row"] = rows[self.planetary_constant]
+        on_row = _members_of(self.layout)
         for key, path in self.paths.items():
-            if self.has_row or key != "mechanical":
-                said[key] = {
-                    "gear_pairs": [pair.name for pair in path.gear_pairs],
-                    "direction": path.direction,
-                }
+            if key == "mechanical" and not self.has_row:
+                continue
+            entry[key] = {
+                "gear_pairs": [pair.name for pair in path.gear_pairs],
+                "direction": path.direction,
+            }
             if key in on_row:
-                said[key]["member"] = getattr(self, on_row[key])
-        return said
+                entry[key]["member"] = getattr(self, on_row[key])
+        return entry
 
 
 def stages_from_mapping(data: Mapping[str, Any]) -> tuple[Stage, ...]:
@@ -405,10 +362,9 @@ def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
     """
     units = stages[0].pump_motor
     constants = sorted({stage.planetary_constant for stage in stages if stage.has_row})
-    rows = {
-        value: f"k{i}" if len(constants) > 1 else "k"
-        for i, value in enumerate(constants, 1)
-    }
+    rows = {}
+    for i, value in enumerate(constants, 1):
+        rows[value] = f"k{i}" if len(constants) > 1 else "k"
     pairs: dict[str, GearPair] = {}
     for stage in stages:
         _require(
@@ -424,10 +380,8 @@ def stages_to_mapping(stages: Sequence[Stage]) -> dict[str, Any]:
                 pair,
                 f"{pairs[pair.name]}, as in another stage",
             )
-    pump, motor = (
-        float(f"{volume / CM3_PER_REV:.12g}")
-        for volume in (units.pump_displacement, units.motor_displacement)
-    )
+    pump = float(f"{units.pump_displacement / CM3_PER_REV:.12g}")
+    motor = float(f"{units.motor_displacement / CM3_PER_REV:.12g}")
     return {
         "gear_pairs": {name: pair.ratio for name, pair in pairs.items()},
         "gear_efficiency": {name: pair.efficiency for name, pair in pairs.items()},
@@ -446,7 +400,8 @@ def speed_ratio(
     stage: Stage, displacement_ratio: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Output speed / engine speed without slip, eq. (5) [-]."""
-    units, (engine, output) = stage.pump_motor, stage.pump_speed_ratios
+    units = stage.pump_motor
+    engine, output = stage.pump_speed_ratios
     # What the motor adds to the output speed per pump speed.
     share = (
         displacement_ratio
@@ -458,12 +413,12 @@ def speed_ratio(
     return (fixed + share * engine) / (1.0 - share * output)
 
 
-def _require_row(said: Mapping[Any, Any], where: str) -> None:
+def _require_row(stage: Mapping[Any, Any], where: str) -> None:
     """Say how a stage is written that has neither a row nor a mechanical path."""
-    if "planetary_row" in said or "mechanical" in said:
+    if "planetary_row" in stage or "mechanical" in stage:
         return
     raise InputError(
-        f"{where}planetary_row is missing; there is {', '.join(map(str, said))}; a stage "
+        f"{where}planetary_row is missing; there is {', '.join(map(str, stage))}; a stage "
         "without a row needs layout: hydrostatic"
     )
 
@@ -489,41 +444,91 @@ def member_speed_coefficients(planetary_constant: float) -> dict[str, float]:
     }
 
 
+def _only_name(stages: Section) -> str:
+    """Return the name of the only stage of a file."""
+    if len(stages.data) != 1:
+        names = ", ".join(map(str, stages.data))
+        raise InputError(f"stages holds {names}: say which one")
+    return str(next(iter(stages.data)))
+
+
+def _row_and_paths(file: Section, entry: Section, layout: str) -> dict[str, Any]:
+    """Return the planetary constant, the paths and their members, as `Stage` takes them."""
+    on_row = _members_of(layout)
+    fields: dict[str, Any] = {
+        "planetary_constant": 0.0,
+        "mechanical": Path(()),
+        "mechanical_member": "",
+        "motor_member": "",
+        "output_member": "",
+    }
+    if on_row:
+        _require_row(entry.data, entry.where)
+        row = entry.get("planetary_row")
+        fields["planetary_constant"] = file.section("planetary_rows").number(row)
+    for key in _PATHS:
+        if key == "mechanical" and not on_row:
+            continue
+        path = entry.section(key)
+        fields[key] = _path(file, path)
+        if key in on_row:
+            fields[on_row[key]] = str(path.get("member"))
+        else:
+            _require(
+                "member" not in path.data,
+                f"{path.where}member",
+                "given",
+                f"nothing: {layout} this path does not end at the row",
+            )
+    return fields
+
+
+def _open_clutches(entry: Section) -> tuple[tuple[str, float, float], ...]:
+    """Return names and slips of the open clutches of a stage."""
+    place = f"{entry.where}open_clutches"
+    allowed = "name: [slip per engine speed, per output speed]"
+    slips = entry.data.get("open_clutches", {})
+    _require(isinstance(slips, Mapping), place, slips, allowed)
+    clutches = []
+    for name, slip in slips.items():
+        is_pair = isinstance(slip, list) and len(slip) == 2
+        _require(is_pair, place, slips, allowed)
+        per_engine = number(slip[0], place)
+        per_output = number(slip[1], place)
+        clutches.append((str(name), per_engine, per_output))
+    return tuple(clutches)
+
+
 def _path(file: Section, entry: Section) -> Path:
-    names, direction = entry.get("gear_pairs"), entry.data.get("direction", 1)
+    names = entry.get("gear_pairs")
+    direction = entry.data.get("direction", 1)
     if not isinstance(names, list):
         raise InputError(f"{entry.where}gear_pairs = {names!r} is not a list")
     _require(direction in (1, -1), f"{entry.where}direction", direction, "1 or -1")
-    ratios, efficiency = (
-        file.section("gear_pairs"),
-        file.data.get("gear_efficiency", 0.98),
-    )
+    ratios = file.section("gear_pairs")
     pairs = []
     for name in names:
         ratio = ratios.number(name)
-        passes = (
-            file.section("gear_efficiency").number(name)
-            if isinstance(efficiency, Mapping)
-            else number(efficiency, "gear_efficiency")
-        )
-        pairs.append(GearPair(str(name), ratio, passes))
+        pairs.append(GearPair(str(name), ratio, _gear_efficiency(file, name)))
     return Path(tuple(pairs), int(direction))
 
 
+def _gear_efficiency(file: Section, pair: object) -> float:
+    """Return the efficiency of a pair, which a file states for all pairs or for each."""
+    efficiency = file.data.get("gear_efficiency", 0.98)
+    if isinstance(efficiency, Mapping):
+        return file.section("gear_efficiency").number(pair)
+    return number(efficiency, "gear_efficiency")
+
+
 def _pump_motor(units: Section) -> PumpMotor:
-    pump, motor = (
-        units.number(f"{unit}_displacement_cm3_per_rev") * CM3_PER_REV
-        for unit in ("pump", "motor")
-    )
-    return PumpMotor(
-        pump,
-        motor,
-        **{
-            name: units.number(name)
-            for name in ("pump_friction", "motor_friction")
-            if name in units.data
-        },
-    )
+    pump = units.number("pump_displacement_cm3_per_rev") * CM3_PER_REV
+    motor = units.number("motor_displacement_cm3_per_rev") * CM3_PER_REV
+    frictions = {}
+    for name in ("pump_friction", "motor_friction"):
+        if name in units.data:
+            frictions[name] = units.number(name)
+    return PumpMotor(pump, motor, **frictions)
 
 
 def _require(holds: bool, field: str, value: object, allowed: str) -> None:

@@ -293,6 +293,17 @@ class Balance:
         pump, _ = self.speeds(speed)
         return np.abs(pump) < 1e-12 * self.engine_speed
 
+    def may_be_refused(self, speed):
+        """Whether a model may refuse this state, as docs/theory.md says: a unit on the row rests.
+
+        In overrun this is the pump of an output-coupled stage. Under a load that is stated as
+        power it is the motor of an input-coupled stage, after the output has slowed down to it.
+        """
+        if self.stage.layout == "output_coupled":
+            return self.pump_rests(speed)
+        is_slowed = np.abs(speed) <= np.abs(self.resting_speed()) * (1.0 + 1e-9)
+        return is_slowed & (self.load_power > 0.0)
+
     def beyond_pole(self):
         """Whether the row feeds back at least the flow that the motor takes."""
         still, moving = (
