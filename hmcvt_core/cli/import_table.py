@@ -11,7 +11,7 @@ import click
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples, write_bench
-from ..files.raw import Column, Proposal, choose_columns, import_table
+from ..files.raw import Column, Imported, Proposal, choose_columns, import_table
 from ..files.tables.header import RawTable
 from ..files.tables.mapping import mapping_text, read_mapping
 from ..files.tables.units import UNITS
@@ -134,13 +134,7 @@ def command(
         "sheet": sheet,
         "decimal": decimal,
     }
-    named: dict[str, str] = {}
-    if mapping is not None:
-        named, saved = read_mapping(mapping)
-        settings |= {
-            name: value for name, value in saved.items() if settings[name] is None
-        }
-    named |= {quantity: text for quantity, text in given.items() if text is not None}
+    named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
         raw, named, guess=True, averaged=averaged, **settings
     )
@@ -150,12 +144,13 @@ def command(
     explained = _explanation(table, guesses, proposal)
     explained.append(f"the same said: {_command(raw, out, columns, settings, flags)}")
     _refuse_open(table, proposal, explained)
+    only_shown = bool(guesses) and not yes
     try:
         imported = import_table(
             table,
             proposal,
             averaged=averaged,
-            skip_bad=skip_bad or bool(guesses and not yes),
+            skip_bad=skip_bad or only_shown,
             unchecked=unchecked,
         )
     except InputError as error:
@@ -166,9 +161,48 @@ def command(
             f"{error}; columns were proposed: name the column and unit that are wrong, or "
             "a number that holds in all rows"
         ) from None
-    samples = imported.samples
-    data = {
-        "samples": len(samples),
+    data = _data(table, imported, columns)
+    if only_shown:
+        return Answer(data, [*explained, *_preview(imported)])
+    write_bench(out, imported.samples)
+    if save_mapping is not None:
+        write_atomically(Path(save_mapping), mapping_text(columns, settings))
+    kept = _summary(imported.samples)
+    return Answer(
+        {**data, "out": out, "columns": kept}, _written(table, imported, kept, out)
+    )
+
+
+def _named_columns(
+    mapping: str | None,
+    given: Mapping[str, str | None],
+    settings: dict[str, Any],
+) -> dict[str, str]:
+    """Return the columns of a mapping file and of the options, which go before it.
+
+    Args:
+        mapping: file, or None.
+        given: value of every option that names a column.
+        settings: of the options; what is None is taken from the file.
+    """
+    named: dict[str, str] = {}
+    if mapping is not None:
+        named, saved = read_mapping(mapping)
+        for name, value in saved.items():
+            if settings[name] is None:
+                settings[name] = value
+    for quantity, text in given.items():
+        if text is not None:
+            named[quantity] = text
+    return named
+
+
+def _data(
+    table: RawTable, imported: Imported, columns: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the JSON of an import that writes nothing."""
+    return {
+        "samples": len(imported.samples),
         "out": None,
         "left_out": imported.left_out,
         "notes": imported.notes,
@@ -177,33 +211,32 @@ def command(
         "sheet": table.sheet or None,
         "rows": len(table.rows) + len(table.broken),
     }
-    if guesses and not yes:
-        return Answer(data, [*explained, *_preview(imported, len(samples))])
-    write_bench(out, samples)
-    if save_mapping is not None:
-        write_atomically(Path(save_mapping), mapping_text(columns, settings))
-    kept = _summary(samples)
-    return Answer(
-        {**data, "out": out, "columns": kept},
-        [
-            _source_line(table),
-            common.table(
-                ("column", "unit", "lowest", "highest"),
-                [
-                    (name, row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}")
-                    for name, row in kept.items()
-                ],
-            ),
-            *(f"left out: {line}" for line in imported.left_out),
-            *imported.notes,
-            f"{len(samples)} bench samples written to {out}",
-        ],
-    )
+
+
+def _written(
+    table: RawTable,
+    imported: Imported,
+    kept: Mapping[str, Mapping[str, Any]],
+    out: str,
+) -> list[str]:
+    """Return the lines of an import that writes `out`."""
+    rows = []
+    for name, row in kept.items():
+        rows.append((name, row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}"))
+    lines = [_source_line(table)]
+    lines.append(common.table(("column", "unit", "lowest", "highest"), rows))
+    for line in imported.left_out:
+        lines.append(f"left out: {line}")
+    lines += imported.notes
+    lines.append(f"{len(imported.samples)} bench samples written to {out}")
+    return lines
 
 
 def _text(column: Column) -> str:
     """Return a column as its option takes it."""
-    return f"{column.name}:{column.unit}" if column.unit else column.name
+    if not column.unit:
+        return column.name
+    return f"{column.name}:{column.unit}"
 
 
 def _command(
@@ -218,14 +251,20 @@ def _command(
     for name, value in {**columns, **settings}.items():
         if value is not None:
             words += [f"--{name.replace('_', '-')}", str(value)]
-    words += [f"--{name}" for name, given in flags.items() if given]
+    for name, given in flags.items():
+        if given:
+            words.append(f"--{name}")
     return shlex.join(words)
 
 
 def _source_line(table: RawTable) -> str:
     """Say which file, sheet, header and rows were read."""
-    sheet = f", sheet {table.sheet!r}" if table.sheet else ""
-    units = " and a row of units" if table.units else ""
+    sheet = ""
+    if table.sheet:
+        sheet = f", sheet {table.sheet!r}"
+    units = ""
+    if table.units:
+        units = " and a row of units"
     return (
         f"{table.source}{sheet}: header in row {table.header_row}{units}, "
         f"{len(table.rows) + len(table.broken)} rows below it"
@@ -236,10 +275,9 @@ def _explanation(
     table: RawTable, guesses: Mapping[str, Column], proposal: Proposal
 ) -> list[str]:
     """Return the proposal with the reason of every column."""
-    rows = [
-        (quantity, column.name, column.unit or "-", column.why)
-        for quantity, column in guesses.items()
-    ]
+    rows = []
+    for quantity, column in guesses.items():
+        rows.append((quantity, column.name, column.unit or "-", column.why))
     lines = [
         _source_line(table),
         common.table(("quantity", "column", "unit", "reason"), rows),
@@ -258,14 +296,20 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
     raise InputError(f"{table.source}: {questions}")
 
 
-def _preview(imported: Any, count: int) -> list[str]:
-    skip = "; --skip-bad leaves the rows above out" if imported.left_out else ""
-    return [
-        *(f"without {line}" for line in imported.left_out),
-        *imported.notes,
-        f"{count} bench samples would be written; --yes takes the proposal, an option "
-        f"corrects it{skip}",
-    ]
+def _preview(imported: Imported) -> list[str]:
+    """Return what an import would leave out, note and write."""
+    lines = []
+    for line in imported.left_out:
+        lines.append(f"without {line}")
+    lines += imported.notes
+    skip = ""
+    if imported.left_out:
+        skip = "; --skip-bad leaves the rows above out"
+    lines.append(
+        f"{len(imported.samples)} bench samples would be written; --yes takes the "
+        f"proposal, an option corrects it{skip}"
+    )
+    return lines
 
 
 def _summary(samples: BenchSamples) -> dict[str, dict[str, Any]]:

@@ -108,13 +108,7 @@ def cut(
         InputError: no window is steady and in range.
     """
     rows = len(values["stamp"])
-    signals = {
-        name: column
-        for name, column in values.items()
-        if name not in ("stamp", "pressure", "efficiency_std")
-    }
-    spare = [name for name in ("pressure", "efficiency_std") if name in values]
-    signals, out_of_range = _in_range(signals)
+    signals, out_of_range = _in_range(_averaged_signals(values))
     needed = [name for name in signals if name != "oil_temperature"]
     time = values["stamp"]
     joined = _joined(time, signals, needed)
@@ -126,16 +120,9 @@ def cut(
         raise InputError(f"{source}: {_no_row(time, signals, needed)}")
     stages = np.array(extra.get("stage", [""] * rows))[usable]
     readings = _readings(time[usable], {n: c[usable] for n, c in joined.items()})
-    step = _median_step(readings.time)
-    block = max(1.0, 4.0 * step)
+    block = max(1.0, 4.0 * _median_step(readings.time))
     limits = Steadiness(max(5.0, 3.0 * block), block)
-    gap = max(1.0, limits.block)
-    # A shift of the stage ends a window as a gap does.
-    shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))
-    tests = []
-    for part in split_at_gaps(readings.time + 3.0 * gap * shifts, gap):
-        for _, sample in steady_tests([readings.select(part)], limits):
-            tests.append((str(stages[part[0]]), sample))
+    tests = _tests_by_stage(readings, stages, limits)
     kept = [(stage, sample) for stage, sample in tests if complaint(sample) is None]
     note = (
         f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
@@ -148,15 +135,47 @@ def cut(
     notes = [note, *out_of_range]
     if joined is not signals:
         notes.append("signals of rows of their own were joined by time")
-    spare += [name for name in extra if name != "stage"]
-    if spare:
-        notes.append(f"not averaged, left out: {', '.join(spare)}")
-    columns = {
-        name: np.array([sample[name] for _, sample in kept])
-        for name in kept[0][1]
-        if name != "output_speed" or name in values
-    }
+    not_averaged = [name for name in _NOT_AVERAGED if name in values]
+    not_averaged += [name for name in extra if name != "stage"]
+    if not_averaged:
+        notes.append(f"not averaged, left out: {', '.join(not_averaged)}")
+    columns = _bench_columns([sample for _, sample in kept])
+    if "output_speed" not in values:
+        columns.pop("output_speed", None)
     return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+
+
+_NOT_AVERAGED = ("pressure", "efficiency_std")
+
+
+def _averaged_signals(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the quantities that are averaged over a window."""
+    signals = {}
+    for name, column in values.items():
+        if name != "stamp" and name not in _NOT_AVERAGED:
+            signals[name] = column
+    return signals
+
+
+def _tests_by_stage(
+    readings: Readings, stages: NDArray[np.str_], limits: Steadiness
+) -> list[tuple[str, Any]]:
+    """Return the steady windows with their stage; a shift ends a window as a gap does."""
+    gap = max(1.0, limits.block)
+    shifts = np.cumsum(np.append(False, stages[1:] != stages[:-1]))
+    tests = []
+    for part in split_at_gaps(readings.time + 3.0 * gap * shifts, gap):
+        for _, sample in steady_tests([readings.select(part)], limits):
+            tests.append((str(stages[part[0]]), sample))
+    return tests
+
+
+def _bench_columns(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the columns of samples that have the same keys."""
+    columns = {}
+    for name in samples[0]:
+        columns[name] = np.array([sample[name] for sample in samples])
+    return columns
 
 
 def _in_range(
