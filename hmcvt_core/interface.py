@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Inner interface: what packages built on the core may import besides its public names.
+"""Inner interface: what packages built on the core may import in addition to its public names.
 
 The public names are those of `hmcvt_core` itself. The names below serve programs that process bench
 data or run the model for a long time, as `hmcvt_ros` does. They keep their names and meaning within

@@ -223,7 +223,7 @@ class Settings:
     )
     optimum_hold: str = _parameter(
         HOLDS[0],
-        "What stays the same when the displacement ratio is optimised, besides the "
+        "What stays the same when the displacement ratio is optimised, in addition to the "
         "output power.",
         choices=HOLDS,
     )

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Bench samples beside the predictions of a model, as records and as a table."""
+"""Bench samples and the predictions of a model, as records and as a table."""
 
 from __future__ import annotations
 

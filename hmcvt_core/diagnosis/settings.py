@@ -399,7 +399,7 @@ Source: chosen on development campaigns, for speed.
 """
 
 PROPOSED_FORMS = 8
-"""Forms that the screen proposes for a set besides the best of each effect.
+"""Forms that the screen proposes for a set in addition to the best of each effect.
 
 Source: chosen on development campaigns, for speed.
 """

@@ -51,7 +51,7 @@ class Table:
         """Plain numbers of a column; an `InputError` names the row of what is none."""
         values = np.empty(len(self.rows))
         for i, cell in enumerate(self.columns[name]):
-            # Beside decimal commas a point may be one between thousands.
+            # Next to decimal commas a point may be one between thousands.
             plain = (
                 cell.replace(".", "?").replace(",", ".")
                 if name in self.commas
@@ -122,8 +122,8 @@ def read_plain(
             f"there is {', '.join(header)} (`hmcvt import` takes other names)"
         )
     table = _table(rows, top, header, str(Path(path)), sha256)
-    for number, told in table.broken.items():
-        raise InputError(f"{path}: row {number}: {told}")
+    for number, reason in table.broken.items():
+        raise InputError(f"{path}: row {number}: {reason}")
     return replace(table, commas=()) if mark == "," else table
 
 
@@ -151,9 +151,10 @@ def _table(
 
 def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
     """Columns in which a comma can be nothing but a decimal one, or is as in another column."""
-    told = {
-        name for name, cells in columns.items() if any(map(_COMMA.fullmatch, cells))
-    }
+    with_comma = set()
+    for name, cells in columns.items():
+        if any(map(_COMMA.fullmatch, cells)):
+            with_comma.add(name)
     pointed = set()
     for name, cells in columns.items():
         dotted = list(filter(_POINT.fullmatch, cells))
@@ -161,7 +162,9 @@ def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
         grouped = all(map(_THOUSANDS.fullmatch, dotted))
         if dotted and not grouped:
             pointed.add(name)
-    return columns.keys() - pointed if told - pointed else ()
+    if with_comma - pointed:
+        return columns.keys() - pointed
+    return ()
 
 
 def csv_text(columns: Mapping[str, Iterable[Any]]) -> str:

@@ -82,7 +82,7 @@ def identify(
             own in column `stage`; pump and motor, and so the parameters, are the same in all.
         formulation: `power_balance` or `published`.
         gear_efficiency: of every pair [-]; None keeps those of the stage.
-        effects: effects with fixed parameters that act besides.
+        effects: effects with fixed parameters.
         holdout: samples held back, to predict.
         noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`, or the
             paper's 1.12 % of each.

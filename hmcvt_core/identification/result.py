@@ -124,7 +124,7 @@ class Identification:
         """Draw measured over predicted efficiency.
 
         Args:
-            holdout: samples held back, to draw besides.
+            holdout: samples held back, to draw too.
             ax: matplotlib axes to draw on; a new figure when left out.
 
         Returns:

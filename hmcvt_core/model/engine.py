@@ -79,7 +79,7 @@ class Engine:
 
 
 def load_engine(path: str | os.PathLike[str]) -> Engine:
-    """Read an engine: a table, or a YAML file that names one beside it (`params/engine.yaml`).
+    """Read an engine: a table, or a YAML file that names one in its folder (`params/engine.yaml`).
 
     The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
     `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. At every speed the highest torque is

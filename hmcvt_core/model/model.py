@@ -49,7 +49,7 @@ NO_OPTIMUM = (
 _SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
 _OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
 _PHYSICS = ("formulation", "transmission", "effects")
-"""Keys of a parameter file that the fingerprint covers, besides the parameters."""
+"""Keys of a parameter file that the fingerprint covers, in addition to the parameters."""
 _ERROR_STEP = 1e-3
 """Step of a parameter, in its standard errors: within the linear range, also next to a bound."""
 
@@ -75,7 +75,7 @@ class EfficiencyModel:
         stage: gear train and pump-motor pair.
         parameters: the hydraulic parameters.
         formulation: `power_balance` (served) or `published` (the paper's formulas, guarded).
-        effects: losses and errors that act besides (power balance only).
+        effects: further losses and errors (power balance only).
         standard_errors: of the parameters by name; empty when unknown.
         correlation: of the parameters, shape (3, 3), or None.
         domain: box of the identification data, or None.

@@ -92,7 +92,7 @@ def load_model(path: str | os.PathLike[str]) -> EfficiencyModel:
 def save_model(model: EfficiencyModel, path: str | os.PathLike[str]) -> None:
     """Write a parameter file, whole or not at all.
 
-    A file that is there already and holds anything else is kept beside it, as
+    A file that is there already and holds anything else is kept in the same folder, as
     `name.previous-1.yaml` and so on.
 
     Raises:
@@ -192,7 +192,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
 
 def _checksum(data: Mapping[str, Any]) -> str:
     try:
-        # As text keys: YAML reads the key 2 as a number, which does not sort beside text.
+        # As text keys: YAML reads the key 2 as a number, which does not sort among text.
         plain = json.loads(json.dumps(data, default=str))
     except (TypeError, ValueError, RecursionError):
         return ""  # a list within itself, a date for a key: not what `save_model` wrote

@@ -66,7 +66,7 @@ class BalanceSolver:
     Args:
         stage: of any layout.
         parameters: of the units; parameters of shape (..., 1) give results of shape (..., n).
-        effects: what acts besides.
+        effects: further losses.
     """
 
     def __init__(

@@ -83,7 +83,7 @@ class Shafts(SteadyState):
     Args:
         stage: of any layout.
         parameters: of the units.
-        effects: what acts besides.
+        effects: further losses.
         points: of shape (n,).
         senses: of output and power.
         resting: where friction holds the output, shape (n,); None for nowhere.

@@ -49,7 +49,7 @@ class Explanation:
         plain_model: without allowances, at the most likely prior of its sizes. Coefficients in
             order: theta, `discrepancy`.
         log_evidence: averaged over the prior scales [nats].
-        discrepancy: a discrepancy besides the effects, or None.
+        discrepancy: a discrepancy in addition to the effects, or None.
     """
 
     fit: Fit

@@ -144,7 +144,7 @@ def option(quantity: str, column: str, unit: str = "") -> str:
 
 
 def missing_quantities(columns: Set[str]) -> list[str]:
-    """Return what bench samples still need besides these quantities."""
+    """Return what bench samples still need in addition to these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
     missing = [
@@ -590,7 +590,7 @@ def _ask_torque_of_load(
     """Ask whether the torque of the load is that at the output shaft.
 
     A bench says "load torque" of its load machine; bench samples refer it to the engine. Only
-    an efficiency beside an input decides, which the checks look at.
+    an efficiency together with an input decides, which the checks look at.
     """
     column = proposed.get("load_torque")
     known = {*proposed, *given}
