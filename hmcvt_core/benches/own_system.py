@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a system of your own needs in addition to its model: a base for its effects, and its readings.
+"""What a system of your own needs next to its model: a base for its effects, and its readings.
 
 A `System` is any model on a bench; `examples/own_system.py` has one, a fan.
 """

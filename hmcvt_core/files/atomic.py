@@ -56,7 +56,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def free_name(path: Path, why: str) -> Path:
-    """Return a name in the folder of `path`, such as `log.damaged-1.csv`, with a number above all there."""
+    """Return a name next to `path`, such as `log.damaged-1.csv`, with a number above all there."""
     prefix = f"{path.stem}.{why}-"
     number = max(numbered(path.parent, prefix).values(), default=0) + 1
     return path.with_name(f"{prefix}{number}{path.suffix}")

@@ -346,8 +346,8 @@ SETTLED = (
 )
 """What has to be settled.
 
-The engine torque in addition to the load torque: an engine that takes up speed loads only the one. The
-output speed in addition to the engine speed: it shows a stroke that still moves when the displacement
+The engine torque next to the load torque: an engine that takes up speed loads only the one. The
+output speed next to the engine speed: it shows a stroke that still moves when the displacement
 ratio in the log is the one commanded.
 """
 

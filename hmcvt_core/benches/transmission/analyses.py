@@ -177,7 +177,7 @@ def read_plan(
     Args:
         path: CSV as for `read_bench`; column `efficiency` may be missing and is not used.
         model: supplies the readings.
-        channels: what will be read in addition to the efficiency; a column of that name says so too.
+        channels: what will be read in addition to the efficiency; a column of that name says so.
 
     Raises:
         InputError: as `read_bench` and `stage_of_each`, or the model has no answer at a point.
