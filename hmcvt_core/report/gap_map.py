@@ -184,7 +184,8 @@ def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
     lines = []
     for axis in view:
         low, high = diagnosis.extent[axis.name]
-        if not high > low:
+        spread = float(np.ptp(getattr(diagnosis.samples, axis.name)))
+        if not high > low or spread == 0.0:
             return None
         lines.append(np.linspace(low, high, _GRID))
     grid = np.meshgrid(*lines)

@@ -1,8 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt identify`: the paper's split, what it prints and what it writes."""
 
+import dataclasses
 import pathlib
 
+import numpy as np
 import pytest
 import yaml
 
@@ -130,18 +132,19 @@ def test_all_stages_of_a_transmission(hmcvt, tmp_path):
     train = {"schema": "hmcvt-transmission/1", "name": "tractor"}
     made = tmp_path / "stages.yaml"
     made.write_text(yaml.safe_dump({**train, **tractor["transmission"]}))
-    rows = pathlib.Path(SIMULATED).read_text().splitlines()[:25]
+    model = hmcvt_library.load_model(HM4.parent / "tractor.yaml")
+    points = hmcvt_library.read_bench(SIMULATED).select(range(24))
     bench = tmp_path / "bench.csv"
-    bench.write_text(
-        "\n".join([f"{rows[0]},stage", *(f"{row},HM4" for row in rows[1:])])
-    )
-    fit = hmcvt("identify", bench, "--transmission", made, "--json").json
-    # Stages of the samples, not the first one of the file.
-    assert fit["stage"] == "HM4" and list(fit["stages"]) == ["HM4"]
-    rows[1:] = [f"{row},{'HM3' if n % 2 else 'HM4'}" for n, row in enumerate(rows[1:])]
-    bench.write_text("\n".join([f"{rows[0]},stage", *rows[1:]]))
-    fit = hmcvt("identify", bench, "--transmission", made, "--json").json
-    assert fit["stage"] == "HM3" and list(fit["stages"]) == ["HM3", "HM4"]
+    for names in (["HM4"], ["HM3", "HM4"]):
+        stage = np.resize(names, len(points))
+        efficiency = model.efficiency(*points.points[:3], stage=stage)
+        samples = dataclasses.replace(
+            points, efficiency=efficiency, output_speed=None, extra={"stage": stage}
+        )
+        hmcvt_library.write_bench(bench, samples)
+        fit = hmcvt("identify", bench, "--transmission", made, "--json").json
+        # Stages of the samples, not the first one of the file.
+        assert fit["stage"] == names[0] and list(fit["stages"]) == names
     errors = fit["stages"]["HM3"]["standard_errors"]
     assert errors["leakage"] > fit["parameters"]["leakage"]["standard_error"]
     assert "stages HM3, HM4: fitted to 24 samples" in (
