@@ -18,7 +18,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 def data_path(name: str) -> Path:
     """Return the path of a shipped file, such as `params/hm4.yaml` or `data/table2.csv`.
 
-    An installed package holds `data/` and `params/` inside; a checkout has them beside it.
+    An installed package holds `data/` and `params/` inside; a checkout has them next to it.
 
     Raises:
         InputError: there is no such file.

@@ -27,7 +27,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             return
         _replace(target, data)
     except OSError as error:
-        # The user knows the file asked for, not the temporary one beside it.
+        # The user knows the file asked for, not the temporary one next to it.
         raise OSError(error.errno, error.strerror, str(path)) from error
     sync_folder(target.parent)
 
@@ -56,7 +56,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def free_name(path: Path, why: str) -> Path:
-    """Return a name beside `path`, such as `log.damaged-1.csv`, with a number above all there."""
+    """Return a name next to `path`, such as `log.damaged-1.csv`, with a number above all there."""
     prefix = f"{path.stem}.{why}-"
     number = max(numbered(path.parent, prefix).values(), default=0) + 1
     return path.with_name(f"{prefix}{number}{path.suffix}")

@@ -140,7 +140,7 @@ def option(quantity: str, column: str, unit: str = "") -> str:
 
 
 def missing_quantities(columns: Set[str]) -> list[str]:
-    """Return what bench samples still need besides these quantities."""
+    """Return what bench samples still need in addition to these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
     missing = [
