@@ -346,9 +346,9 @@ SETTLED = (
 )
 """What has to be settled.
 
-The load torque alone is not enough: an engine that takes up speed shows in the engine torque only. The
-output speed shows a stroke that still moves when the displacement ratio in the log is the one
-commanded.
+The load torque alone is not enough: an engine that takes up speed shows in the engine torque
+only. The output speed shows a stroke that still moves when the displacement ratio in the log is
+the one commanded.
 """
 
 
