@@ -22,7 +22,9 @@ def described(value: Any) -> str:
         return "a pandas DataFrame"
     if isinstance(value, np.ndarray):
         return f"a NumPy array of shape {value.shape}"
-    article = "an" if name[0] in "aeiouAEIOU" else "a"
+    article = "a"
+    if name[0] in "aeiouAEIOU":
+        article = "an"
     return f"{article} {name}"
 
 
@@ -46,7 +48,9 @@ def wrong_type(argument: str, wanted: str, given: Any, hint: str = "") -> InputE
         hint: what to do instead, if known.
     """
     text = f"{argument}: {wanted} is wanted, not {described(given)}"
-    return InputError(f"{text}; {hint}" if hint else text)
+    if hint:
+        text = f"{text}; {hint}"
+    return InputError(text)
 
 
 def require_path(value: Any, argument: str, wanted: str, hint: str = "") -> None:

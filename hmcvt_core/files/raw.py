@@ -127,7 +127,7 @@ def choose_columns(
         raise InputError(
             f"{unknown[0]} is no quantity of a bench; there is {', '.join(UNITS)}"
         )
-    bare = [_bare_name(text) for text in columns.values()]
+    bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
     table = read_table(path, bare, header_row, sheet, decimal)
     if not set(bare) <= table.columns.keys():
@@ -158,7 +158,7 @@ def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
         table: as text.
         columns: `COLUMN` or `COLUMN:UNIT` that the user named; a named column stays.
     """
-    named = {_bare_name(text) for text in columns.values()}
+    named = set(map(_bare_name, columns.values()))
     of_time = []
     for name in table.columns:
         meaning = meaning_of(name, table.units.get(name, ""))
@@ -309,8 +309,10 @@ def _extra_columns(
     for name, cells in table.columns.items():
         if name in used:
             continue
-        known = column_name(name) in _KEPT
-        extra[f"raw {name}" if known else name] = cells
+        kept_name = name
+        if column_name(name) in _KEPT:
+            kept_name = f"raw {name}"
+        extra[kept_name] = cells
     return extra
 
 
@@ -324,8 +326,10 @@ def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) 
     """
     into = [name for name in INPUTS if name in columns]
     out = [name for name in OUTPUTS if name in columns]
-    efficiency = ["efficiency"] if "efficiency" in columns else []
-    for same in (into, out, [*efficiency, *into] if out else []):
+    with_efficiency = []
+    if out and "efficiency" in columns:
+        with_efficiency = ["efficiency", *into]
+    for same in (into, out, with_efficiency):
         if len(same) > 1:
             return f"{same[0]} and {same[1]} say the same twice: name one"
     missing = missing_quantities({*columns})
@@ -362,7 +366,9 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
     taken = to_si(kind, unit)
     numbers = read_numbers(table.columns[name], style.comma)
     below = unit_of(table.units.get(name, ""))
-    stated = [("of units", below.name)] if below is not None else []
+    stated = []
+    if below is not None:
+        stated.append(("of units", below.name))
     for other in numbers.units:
         stated.append((_row_with_unit(table, name, other), other))
     for row, other in stated:
@@ -436,7 +442,9 @@ def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
         meaning = meaning_of(name, table.units.get(name, ""))
         if meaning.kind != "time":
             continue
-        unit = meaning.unit.name if meaning.unit and meaning.unit.kind == "time" else ""
+        unit = ""
+        if meaning.unit is not None and meaning.unit.kind == "time":
+            unit = meaning.unit.name
         times = read_times(table.columns[name], unit, table.styles[name].comma)
         if is_recording(times.seconds, values):
             raise InputError(

@@ -323,7 +323,7 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
 def held(at: Array, times: Array, values: Array, age: float) -> Array:
     """Values (m,) of a slow series, read at times (m,), at other times [s].
 
-    Linear between two readings, next to a single one within an age [s] that reading, else NaN.
+    Linear between two readings; with only one within an age [s], that reading; else NaN.
     """
     order = np.argsort(times, kind="stable")
     times, values = times[order], values[order]
@@ -346,9 +346,9 @@ SETTLED = (
 )
 """What has to be settled.
 
-The engine torque next to the load torque: an engine that takes up speed loads only the one. The
-output speed next to the engine speed: it shows a stroke that still moves when the displacement
-ratio in the log is the one commanded.
+The load torque alone is not enough: an engine that takes up speed shows in the engine torque
+only. The output speed shows a stroke that still moves when the displacement ratio in the log is
+the one commanded.
 """
 
 

@@ -51,20 +51,16 @@ class Table:
         """Plain numbers of a column; an `InputError` names the row of what is none."""
         values = np.empty(len(self.rows))
         for i, cell in enumerate(self.columns[name]):
-            # Next to decimal commas a point may be one between thousands.
-            plain = (
-                cell.replace(".", "?").replace(",", ".")
-                if name in self.commas
-                else cell
-            )
+            plain = cell
+            if name in self.commas:
+                # A point may stand between thousands where commas are decimal.
+                plain = cell.replace(".", "?").replace(",", ".")
             try:
                 values[i] = _plain_number(plain)
             except ValueError:
-                cure = (
-                    ": fill it in, or leave the column out"
-                    if optional and not cell
-                    else ""
-                )
+                cure = ""
+                if optional and not cell:
+                    cure = ": fill it in, or leave the column out"
                 raise InputError(
                     f"{self.source}: row {self.rows[i]}: {no_number(name, cell)}{cure}"
                 ) from None
@@ -99,17 +95,15 @@ def read_plain(
     """
     text, sha256 = read_text(path)
     # The header says what parts the columns; a note below may hold anything.
-    line = next(
-        (line for line in text.splitlines() if line.strip() and line[0] != "#"), ""
-    )
+    line = _first_line(text)
     mark = max(",;\t", key=line.count)  # what stands there most, first a comma
     rows = split_rows(text, mark, str(path))
     # Above the header only: below it a cell may well begin like that.
-    top = next(
-        (i for i, row in enumerate(rows, 1) if any(row) and row[0][:1] != "#"), None
-    )
-    if top is None:
-        needs = f"; needs columns {', '.join(required)}" if required else ""
+    top = _header_row(rows)
+    if top == 0:
+        needs = ""
+        if required:
+            needs = f"; needs columns {', '.join(required)}"
         raise InputError(f"{path}: is empty{needs}")
     header = [name_of(cell) for cell in rows[top - 1]]
     for name in header:
@@ -122,16 +116,36 @@ def read_plain(
             f"there is {', '.join(header)} (`hmcvt import` takes other names)"
         )
     table = _table(rows, top, header, str(Path(path)), sha256)
-    for number, reason in table.broken.items():
-        raise InputError(f"{path}: row {number}: {reason}")
-    return replace(table, commas=()) if mark == "," else table
+    for number, complaint in table.broken.items():
+        raise InputError(f"{path}: row {number}: {complaint}")
+    if mark == ",":
+        return replace(table, commas=())
+    return table
+
+
+def _first_line(text: str) -> str:
+    """Return the first line that is neither empty nor a comment; `""` for none."""
+    for line in text.splitlines():
+        if line.strip() and line[0] != "#":
+            return line
+    return ""
+
+
+def _header_row(rows: Sequence[list[str]]) -> int:
+    """Return the first row that is neither empty nor a comment, from 1; 0 for none."""
+    for number, row in enumerate(rows, 1):
+        if any(row) and row[0][:1] != "#":
+            return number
+    return 0
 
 
 def _table(
     rows: Sequence[list[str]], top: int, header: Sequence[str], source: str, sha256: str
 ) -> Table:
     """The table below a header in row `top`."""
-    numbers, body, broken = [], [], {}
+    numbers = []
+    body = []
+    broken = {}
     for number, row in enumerate(rows[top:], top + 1):
         while len(row) > len(header) and not row[-1]:
             row = row[:-1]  # separators at the end of a line
@@ -145,26 +159,27 @@ def _table(
             )
     if not body and not broken:
         raise InputError(f"{source}: holds a header but no samples")
-    columns = {name: [row[i] for row in body] for i, name in enumerate(header)}
+    columns = {}
+    for position, name in enumerate(header):
+        columns[name] = [row[position] for row in body]
     return Table(columns, numbers, broken, _with_commas(columns), source, sha256)
 
 
 def _with_commas(columns: Mapping[str, Sequence[str]]) -> Collection[str]:
     """Columns in which a comma can be nothing but a decimal one, or is as in another column."""
     with_comma = set()
+    pointed = set()
     for name, cells in columns.items():
         if any(map(_COMMA.fullmatch, cells)):
             with_comma.add(name)
-    pointed = set()
-    for name, cells in columns.items():
         dotted = list(filter(_POINT.fullmatch, cells))
         # Not those between thousands, as in 850, 1.200.
         grouped = all(map(_THOUSANDS.fullmatch, dotted))
         if dotted and not grouped:
             pointed.add(name)
-    if with_comma - pointed:
-        return columns.keys() - pointed
-    return ()
+    if with_comma <= pointed:
+        return ()
+    return columns.keys() - pointed
 
 
 def csv_text(columns: Mapping[str, Iterable[Any]]) -> str:

@@ -23,7 +23,7 @@ KINDS = ("pump", "motor")
 AXES = ("displacement_ratio", "speed", "pressure")
 
 METER_DEVIATION = 0.0034
-"""Standard deviation of a flow or torque against the ideal one, as a part, if it is not stated.
+"""Standard deviation of a flow or torque against the ideal one, as a part, where none is stated.
 
 ISO 4409, class A: errors up to 0.5 % of each reading, three deviations. Four readings are in it:
 flow and speed, or torque and pressure, and those two by which the displacement was found.
@@ -485,14 +485,13 @@ def _require_in_place(
 
     The mechanical one gains on the volumetric one with pressure, and loses with speed.
     """
-    is_telling = samples.pressure > TELLING
+    loaded = samples.pressure > TELLING
     drivers = [
-        driver[is_telling] / driver.max()
-        for driver in (samples.pressure, samples.speed)
+        driver[loaded] / driver.max() for driver in (samples.pressure, samples.speed)
     ]
-    columns = np.stack([np.ones(int(is_telling.sum())), *drivers], axis=1)
+    columns = np.stack([np.ones(int(loaded.sum())), *drivers], axis=1)
     (_, gained, lost), _, rank, _ = np.linalg.lstsq(
-        columns, (mechanical - volumetric)[is_telling], rcond=None
+        columns, (mechanical - volumetric)[loaded], rcond=None
     )
     if rank == columns.shape[1] and gained < lost:
         raise InputError(

@@ -33,7 +33,11 @@ _BINARY = (
     (b"MDF ", "an MDF file (.mf4, .mdf, .dat)", "asammdf: mdf.export('csv')"),
     (b"UnFinMF ", "an MDF file that was not closed", "asammdf: mdf.export('csv')"),
     (b"TDSm", "a TDMS file of LabVIEW", "npTDMS: tdmsinfo, TdmsFile.as_dataframe()"),
-    (b"TDSh", "the index of a TDMS file", "the .tdms file beside it, with npTDMS"),
+    (
+        b"TDSh",
+        "the index of a TDMS file",
+        "the .tdms file of the same name, with npTDMS",
+    ),
     (b"LOGG", "a BLF file of a CAN log", "python-can and cantools with the .dbc"),
     (
         b"MATLAB 5.0",

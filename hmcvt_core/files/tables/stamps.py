@@ -95,13 +95,11 @@ def read_times(cells: Sequence[str], unit: str, comma: bool) -> Times:
         return Times(np.full(len(cells), math.nan))
     if any(":" in cell or _DATED.fullmatch(cell) for cell in filled[:20]):
         return _read_texts(cells, filled, unit)
-    unread = [
-        cell
-        for cell, value in zip(cells, numbers.values, strict=True)
-        if math.isnan(value) and not not_available(cell)
-    ]
-    if len(unread) > len(filled) / 2:
-        return Times(numbers.values, unreadable=unread[0])
+    unread = 0
+    for cell, value in zip(cells, numbers.values, strict=True):
+        unread += math.isnan(value) and not not_available(cell)
+    if unread > len(filled) / 2:
+        return Times(numbers.values, unreadable=_first_unread(cells, numbers.values))
     return _scaled(numbers.values, unit or "".join(numbers.units[:1]))
 
 
@@ -248,9 +246,11 @@ def _minutes_first(cells: Sequence[str], unit: str) -> bool | None:
 def _seconds(cell: str, order: str, minutes_first: bool) -> float:
     elapsed = _ELAPSED.fullmatch(cell)
     if elapsed is not None:
-        sign = -1.0 if elapsed["sign"] else 1.0
         whole = _DAY * int(elapsed["days"])
-        return sign * (whole + _clock_seconds(elapsed["clock"], None, False))
+        seconds = whole + _clock_seconds(elapsed["clock"], None, False)
+        if elapsed["sign"]:
+            return -seconds
+        return seconds
     dated = _DATED.fullmatch(cell)
     if dated is not None:
         day = _day_seconds(dated["a"], dated["b"], dated["c"], order)
@@ -274,13 +274,17 @@ def _clock_seconds(text: str, half: str | None, minutes_first: bool) -> float:
     fields = text.replace(",", ".").split(":")
     if len(fields) == 4:  # a colon before the milliseconds
         fields = [*fields[:2], f"{fields[2]}.{fields[3]}"]
-    parts = [float(field) for field in fields]
+    parts = list(map(float, fields))
     if len(parts) == 2:
-        size = 60.0 if minutes_first else 3600.0
+        size = 3600.0
+        if minutes_first:
+            size = 60.0
         return size * parts[0] + size / 60.0 * parts[1]
     hours, minutes, seconds = parts
     if half is not None:
-        hours = hours % 12.0 + (12.0 if half[0] in "pP" else 0.0)
+        hours = hours % 12.0
+        if half[0] in "pP":
+            hours += 12.0
     if minutes >= 60.0 or seconds > 60.0:
         return math.nan
     return 3600.0 * hours + 60.0 * minutes + seconds
