@@ -174,3 +174,12 @@ def test_an_unnamed_row_of_means_is_no_test(hmcvt, tmp_path):
     assert done.code == 2 and "row 10: is the mean of the rows above" in done.err, done
     done = imported(hmcvt, tmp_path, "--skip-bad", columns=COLUMNS, footer=means)
     assert done.code == 0 and len(read_bench(tmp_path / "bench.csv")) == TESTS
+
+
+def test_second_speed_with_an_unknown_unit_is_asked(hmcvt, tmp_path):
+    columns = {"giri motore [qx]": 0.9 * ENGINE, **COLUMNS}
+    path = write(tmp_path / "raw.csv", columns)
+    done = hmcvt("import", path, "--out", tmp_path / "bench.csv", "--yes")
+    assert done.code == 2
+    assert "giri motore [qx]" in done.err
+    assert not (tmp_path / "bench.csv").exists()

@@ -29,7 +29,7 @@ def _posterior(*sets):
         starred = "*" in text
         explanation = SimpleNamespace(
             names=tuple(text.rstrip("*").split("+")),
-            is_base=False,
+            is_base_discrepancy=False,
             is_listed_set=not starred,
             explained_fraction=lambda bare, starred=starred: 0.5 if starred else 1.0,
         )
@@ -68,7 +68,7 @@ def test_set_is_distinguished_from_its_unlisted_loss():
 def test_no_gap_is_the_likelier_of_exact_base_and_one_a_little_off(off):
     loose = SimpleNamespace(
         names=(),
-        is_base=True,
+        is_base_discrepancy=True,
         is_listed_set=False,
         explained_fraction=lambda bare: 0.0,
     )

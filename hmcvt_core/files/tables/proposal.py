@@ -509,7 +509,12 @@ def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     if best.doubt:
         return _question_of_doubt(quantity, best)
     others = [rival for rival in rivals[1:] if not _equal(rival, best)]
-    equals = [rival for rival in others if rival.rank == best.rank]
+    equals = []
+    for rival in others:
+        # A unit that is not known hides whether the column is in range.
+        unit_unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        if rival.rank == best.rank or unit_unknown:
+            equals.append(rival)
     if not equals:
         # A name that stands twice in the header is numbered by the reader.
         equals = [rival for rival in others if rival.name.startswith(f"{best.name} (")]
