@@ -391,7 +391,7 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
     if found.oil_temperature is not None:
         assert np.all((found.oil_temperature > 60.0) & (found.oil_temperature < 85.0))
     # What it says is the same as the guess, said explicitly.
-    said = re.search(r"the same said: hmcvt (.*)", shown.out)[1]
+    said = re.search(r"the same as a command: hmcvt (.*)", shown.out)[1]
     out.unlink()
     again = hmcvt(*shlex.split(said), *skip)
     assert (
@@ -548,7 +548,7 @@ def test_what_no_unit_tells_is_not_guessed(hmcvt, tmp_path, header, cells, told)
         "import", path, "--out", out, "--averaged", "--header-row", 1, "--skip-bad"
     ).out
     assert shown.count("range") == 4 and "eta:%" in shown
-    said = re.search(r"the same said: (.*)", shown)[1]
+    said = re.search(r"the same as a command: (.*)", shown)[1]
     assert (f"{header}:{told}" in said) if told else (header not in said)
     assert "--header-row 1 --averaged --skip-bad\n" in shown
     if told == "h":
