@@ -142,7 +142,9 @@ def command(
     columns = named | {name: _text(column) for name, column in guesses.items()}
     flags = {"averaged": averaged, "skip-bad": skip_bad, "unchecked": unchecked}
     explained = _explanation(table, guesses, proposal)
-    explained.append(f"the same as a command: {_command(raw, out, columns, settings, flags)}")
+    explained.append(
+        f"the same as a command: {_command(raw, out, columns, settings, flags)}"
+    )
     _refuse_open(table, proposal, explained)
     only_shown = bool(guesses) and not yes
     try:
