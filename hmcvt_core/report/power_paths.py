@@ -21,6 +21,9 @@ _BOXES = {
 }
 """Centres of the boxes; parts of a panel."""
 
+_LABEL_GAP = 0.03
+"""Between a steep arrow and its words, part of a panel."""
+
 
 def draw_power_paths(
     figure: Any, stages: Sequence[Stage], check: TransmissionCheck
@@ -102,13 +105,17 @@ def _arrow(
         words.append(member)
     if direction < 0:
         words.append("reversed")
-    x = 0.5 * (_BOXES[start][0] + _BOXES[end][0])
+    across = _BOXES[end][0] - _BOXES[start][0]
+    x = _BOXES[start][0] + 0.5 * across
     y = 0.5 * (_BOXES[start][1] + _BOXES[end][1])
+    up = _BOXES[end][1] - _BOXES[start][1]
+    # A steep arrow is too short for words on it: they stand to its right.
+    is_steep = abs(up) > abs(across)
     axes.text(
-        x,
+        x + _LABEL_GAP * is_steep,
         y,
         "\n".join(words),
-        ha="center",
+        ha="left" if is_steep else "center",
         va="center",
         fontsize=12,
         zorder=2,
