@@ -45,6 +45,9 @@ class Observations:
         number: row of each sample in the data as given, from 0, shape (n,).
         noise_source: where the noise of the first channel comes from, in words.
         assumed: whether that noise is assumed rather than stated.
+        shared_errors: change of each reading by one standard deviation of each error that
+            readings share, as those of one session do, shape (channels, n, m), in the units of the
+            channels; None where readings share none.
     """
 
     axes: tuple[Axis, ...]
@@ -57,6 +60,7 @@ class Observations:
     number: NDArray[np.intp]
     noise_source: str
     assumed: bool = False
+    shared_errors: Array | None = None
 
     def __len__(self) -> int:
         return len(self.number)
@@ -90,12 +94,27 @@ class Observations:
         return np.asarray(change / self.deviation)
 
     @property
+    def shared_count(self) -> int:
+        """Number of errors that readings share."""
+        return 0 if self.shared_errors is None else self.shared_errors.shape[-1]
+
+    @cached_property
+    def shared_columns(self) -> Array:
+        """Shared errors in deviations of the readings, shape (channels, n, m)."""
+        if self.shared_errors is None:
+            return np.zeros((*self.measured.shape, 0))
+        return np.asarray(self.shared_errors / self.deviation[..., None])
+
+    @property
     def stated_noise(self) -> float:
         """Root mean square of the noise stated or assumed for the first channel."""
         return float(np.sqrt(np.mean(self.deviation[0] ** 2)))
 
     def select(self, index: NDArray[np.intp]) -> Observations:
         """Return the samples of an index, with the same noise."""
+        shared_errors = self.shared_errors
+        if shared_errors is not None:
+            shared_errors = shared_errors[:, index]
         return replace(
             self,
             points={name: row[index] for name, row in self.points.items()},
@@ -103,6 +122,7 @@ class Observations:
             deviation=self.deviation[:, index],
             samples=self.samples.select(index),
             number=self.number[index],
+            shared_errors=shared_errors,
         )
 
     def without(self, index: NDArray[np.intp]) -> Observations:

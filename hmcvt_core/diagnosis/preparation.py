@@ -70,7 +70,7 @@ def prepare(system: System, observed: Observations) -> tuple[Fit, list[str]]:
             "operating points"
         )
         kept = spread_out(base.observed, MOST_SAMPLES)
-        base = refit(base.hypothesis, base.observed.select(kept), base.base)
+        base = refit(base.hypothesis, base.observed.select(kept), base.theta)
     return _with_uneven_noise(base, notes)
 
 
@@ -83,7 +83,7 @@ def _refit_to_answered(system: System, observed: Observations) -> tuple[Fit, lis
     Only samples the unfitted model can answer are used at first. A refit to all of them would
     bend the parameters until the model carries loads that were never there.
     """
-    hypothesis = Hypothesis(system)
+    hypothesis = Hypothesis(system, shared_count=observed.shared_count)
     unanswered_before = _unanswered(hypothesis, observed, hypothesis.prior_mean)
     if len(observed) and len(unanswered_before) == len(observed):
         raise _too_few_answers(system, observed, unanswered_before)
@@ -179,7 +179,7 @@ def _with_uneven_noise(base: Fit, notes: Sequence[str]) -> tuple[Fit, list[str]]
             "standard deviations would state it"
         )
     reweighted = replace(observed, deviation=observed.deviation * factors)
-    return refit(base.hypothesis, reweighted, base.base), [*notes, *further_notes]
+    return refit(base.hypothesis, reweighted, base.theta), [*notes, *further_notes]
 
 
 def uneven_noise(fit: Fit) -> Array:

@@ -18,6 +18,7 @@ from ...model.checks import require_model_and_samples
 from ...model.model import EfficiencyModel
 from .base import scaled_base
 from .channels import AXES, CHANNELS
+from .meters import with_meter_errors
 from .readings import distinct_observations, held_out_observations, observe
 from .system import Transmission
 
@@ -67,9 +68,10 @@ def diagnose(
     if holdout is not None:
         held_out, more = held_out_observations(holdout, samples, stages)
         notes += more
+    system = Transmission(model, samples.pressure is not None)
     return diagnose_system(
-        Transmission(model, samples.pressure is not None),
-        observed,
+        system,
+        with_meter_errors(observed, system),
         held_out,
         warnings=warnings,
         notes=notes,
@@ -106,9 +108,10 @@ def next_test(
     points = None
     if possible is not None:
         points = _planned_points(possible, observed, noise, stages)
+    system = Transmission(model, samples.pressure is not None)
     return next_test_of_system(
-        Transmission(model, samples.pressure is not None),
-        observed,
+        system,
+        with_meter_errors(observed, system),
         points,
         notes=(*warnings, *notes),
         seed=seed,
@@ -164,8 +167,11 @@ def separable(
         if getattr(plan, channel.name) is None:
             # The first channel that the bench may read in addition.
             further_plan = replace(plan, **{channel.name: row})
-            further_observed = observe(further_plan, noise, stages)
+            further_observed = with_meter_errors(
+                observe(further_plan, noise, stages), system
+            )
             break
+    observed = with_meter_errors(observed, system)
     return isolability(system, observed, base, further_observed)
 
 

@@ -231,7 +231,9 @@ def isolability(
             fitted.
         fuller: the same plan with a further channel read; None where there is none.
     """
-    fit = linearise(Hypothesis(system), plan, base, np.ones(len(plan.channels)))
+    hypothesis = Hypothesis(system, shared_count=plan.shared_count)
+    theta = hypothesis.theta(np.append(base, np.zeros(plan.shared_count)))
+    fit = linearise(hypothesis, plan, theta, np.ones(len(plan.channels)))
     forms = [form for form, _ in fit.signatures]
     changes = np.stack([change for _, change in fit.signatures])
     names = np.array([form.name for form in forms])

@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A hypothesis: the base model with some effects, their sizes free.
 
-Its parameters are theta: the scaled base parameters; then of every effect its size, in typical
-sizes, and its shapes if they are free, as parts of their range.
+Its parameters are theta: the scaled base parameters; then the errors that readings share, in
+standard deviations; then of every effect its size, in typical sizes, and its shapes if they are
+free, as parts of their range.
 """
 
 from __future__ import annotations
@@ -30,17 +31,24 @@ class Hypothesis:
         reversed_sign: whether sizes that cannot be negative are negative. This stands for a gap
             that no listed effect causes.
         free_shapes: of how many effects, from the first, the shapes are free too.
+        shared_count: number of errors that the readings share.
     """
 
     system: System
     effects: tuple[Effect, ...] = ()
     reversed_sign: bool = False
     free_shapes: int = 0
+    shared_count: int = 0
 
     @property
     def base_count(self) -> int:
-        """Number of base parameters, which come first in theta."""
-        return len(self.system.base)
+        """Number of base parameters and shared errors, which come first in theta."""
+        return len(self.system.base) + self.shared_count
+
+    @property
+    def shared(self) -> slice:
+        """Where theta holds the shared errors."""
+        return slice(len(self.system.base), self.base_count)
 
     @cached_property
     def free_parameters(self) -> list[tuple[int, Any]]:
@@ -64,7 +72,13 @@ class Hypothesis:
         means = []
         for _, item in self.free_parameters:
             means.append(0.0 if item.is_size else SHAPE_PRIOR_MEAN)
-        return np.append(self.system.base.mean, means)
+        of_base = np.append(self.system.base.mean, np.zeros(self.shared_count))
+        return np.append(of_base, means)
+
+    @property
+    def base_spread(self) -> Array:
+        """Prior standard deviations of the base parameters and the shared errors."""
+        return np.append(self.system.base.spread, np.ones(self.shared_count))
 
     def spread(self, sizes: Array | float) -> Array:
         """Return prior standard deviations of theta, shape (p,).
@@ -73,15 +87,16 @@ class Hypothesis:
             sizes: prior standard deviations of the sizes, in typical sizes.
         """
         shapes = np.full(len(self.free_parameters), SHAPE_PRIOR_SPREAD)
-        spread = np.append(self.system.base.spread, shapes)
+        spread = np.append(self.base_spread, shapes)
         spread[self.size_indices] = sizes
         return spread
 
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta, shape (p,) each."""
-        lowest = self.system.base.low.tolist()
-        highest = self.system.base.high.tolist()
+        unbounded = [np.inf] * self.shared_count
+        lowest = [*self.system.base.low.tolist(), *(-limit for limit in unbounded)]
+        highest = [*self.system.base.high.tolist(), *unbounded]
         for _, item in self.free_parameters:
             low = _scaled(item, item.low)
             high = _scaled(item, item.high)
@@ -122,7 +137,7 @@ class Hypothesis:
         )
 
     def theta(self, base: Array) -> Array:
-        """Return theta for scaled base parameters and the effects as given."""
+        """Return theta for base parameters and shared errors, and the effects as given."""
         scaled = []
         for i, item in self.free_parameters:
             scaled.append(_scaled(item, self.effects[i].values()[item.name]))
@@ -138,7 +153,7 @@ class Hypothesis:
             points: operating points.
             channels: to return; every channel of the system if empty.
         """
-        base = theta[: self.base_count]
+        base = theta[: len(self.system.base)]
         predicted = self.system.predict(base, self.effects_at(theta), points)
         if not channels:
             return predicted

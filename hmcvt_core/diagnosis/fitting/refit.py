@@ -51,8 +51,8 @@ class Fit:
         hypothesis: what was refitted.
         observed: the readings it was refitted to.
         theta: fitted parameters, shape (p,).
-        whitened: (measured - predicted) / deviation, shape (channels, n); `NO_ANSWER` where the
-            model has none.
+        whitened: (measured - predicted) / deviation without the errors that readings share, shape
+            (channels, n); `NO_ANSWER` where the model has none.
         jacobian: derivative of prediction / deviation by theta, shape (channels, n, p).
         noise: variance of each channel in units of the stated one, shape (channels,).
     """
@@ -67,7 +67,21 @@ class Fit:
     @property
     def base(self) -> Array:
         """Scaled base parameters."""
+        return self.theta[: len(self.hypothesis.system.base)]
+
+    @property
+    def base_and_shared(self) -> Array:
+        """Scaled base parameters and errors that readings share."""
         return self.theta[: self.hypothesis.base_count]
+
+    @property
+    def with_shared_errors(self) -> Array:
+        """Measured minus predicted, in deviations, with the errors that readings share in it.
+
+        Shape (channels, n); `whitened` is without them.
+        """
+        shared = self.observed.shared_columns @ self.theta[self.hypothesis.shared]
+        return np.where(self.whitened == NO_ANSWER, NO_ANSWER, self.whitened + shared)
 
     @property
     def sizes(self) -> Array:
@@ -97,7 +111,7 @@ class Fit:
         """
         scaled = self.jacobian / np.sqrt(self.noise)[:, None, None]
         readings = scaled.reshape(-1, len(self.theta))
-        prior = np.diag(1.0 / self.hypothesis.system.base.spread)
+        prior = np.diag(1.0 / self.hypothesis.base_spread)
         basis, _ = np.linalg.qr(np.concatenate([readings, prior]))
         return np.asarray(basis)
 
@@ -180,12 +194,18 @@ class Fit:
         variation = self.hypothesis.local_variation(
             self.theta, points, channels, predicted
         )
+        shared = np.sqrt(np.sum(observed.shared_columns**2, axis=-1))
+        # A further test belongs to another session, whose errors are not known.
+        of_session = deviation * np.median(shared, axis=1, keepdims=True)
+        deviation = np.hypot(deviation * np.sqrt(self.noise)[:, None], of_session)
+        no_errors = np.zeros((*predicted.shape, observed.shared_count))
         return replace(
             observed,
             points=points,
             measured=predicted,
             number=np.arange(predicted.shape[1]),
-            deviation=np.hypot(deviation * np.sqrt(self.noise)[:, None], variation),
+            deviation=np.hypot(deviation, variation),
+            shared_errors=no_errors,
         )
 
 
@@ -444,7 +464,7 @@ def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
     before = fit.hypothesis
     observed = fit.observed
     free = replace(before, effects=fit.effects, free_shapes=len(fit.effects))
-    theta = free.theta(fit.base)
+    theta = free.theta(fit.base_and_shared)
     was_free = [True] * before.base_count
     for parameter in free.free_parameters:
         was_free.append(parameter in before.free_parameters)
@@ -514,6 +534,8 @@ def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> A
     """Return (measured - predicted) / deviation, shape (channels, n)."""
     predicted = hypothesis.predict(theta, observed.points, observed.channels)
     whitened = (observed.measured - predicted) / observed.deviation
+    if hypothesis.shared_count:
+        whitened -= observed.shared_columns @ theta[hypothesis.shared]
     return np.nan_to_num(whitened, nan=NO_ANSWER)
 
 
@@ -540,7 +562,12 @@ def _jacobian(
     highest = hypothesis.bounds[1]
     unanswered = whitened == NO_ANSWER
     jacobian = np.empty((*whitened.shape, len(indices)))
+    shared = hypothesis.shared
     for column, i in enumerate(indices):
+        if shared.start <= i < shared.stop:
+            of_shared = observed.shared_columns[..., i - shared.start]
+            jacobian[..., column] = np.where(unanswered, 0.0, of_shared)
+            continue
         step = BASE_DIFFERENCE if i < hypothesis.base_count else SIZE_DIFFERENCE
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= highest[i] else -step

@@ -79,7 +79,7 @@ def model_of(explanation: Explanation, fit: Fit) -> Any:
         explanation: gives the covariance.
         fit: the refit that the model holds.
     """
-    count = fit.hypothesis.base_count
+    count = len(fit.hypothesis.system.base)
     covariance = parameter_covariance(explanation)[:count, :count]
     system = fit.hypothesis.system
     return system.model_of(fit.base, fit.effects, fit.observed.samples, covariance)

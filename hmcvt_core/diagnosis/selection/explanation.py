@@ -149,6 +149,9 @@ class Explanation:
         columns = at_points.jacobian
         if with_allowances and self.names:
             columns = allowance_columns(at_points, fit.observed)
+        # The prediction is of the machine: errors of meters are no part of it.
+        columns = columns.copy()
+        columns[..., fit.hypothesis.shared] = 0.0
         if self.discrepancy is not None:
             of_discrepancy = self.discrepancy.columns(points)
             columns = np.concatenate([columns, of_discrepancy], axis=-1)
@@ -158,7 +161,7 @@ class Explanation:
             change = model.mean.copy()
             change[: len(fit.theta)] -= fit.theta - fit.hypothesis.prior_mean
         no_answer = (at_points.whitened == NO_ANSWER).any(axis=0)
-        mean = columns @ change - at_points.whitened
+        mean = columns @ change - at_points.with_shared_errors
         return Prediction(np.where(no_answer, np.nan, mean), columns, model.covariance)
 
 
@@ -167,7 +170,7 @@ class Explanation:
 
 def explain_by_base(base: Fit) -> Explanation:
     """Return the refitted base model as an explanation."""
-    spread = base.hypothesis.system.base.spread
+    spread = base.hypothesis.base_spread
     (model,) = linear_models(
         base.observed, base.jacobian, base.target, spread[None], base.hypothesis.signs
     )

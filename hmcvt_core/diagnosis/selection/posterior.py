@@ -140,7 +140,7 @@ class Posterior:
         base = self.base_only.fit
         if points is None:
             at_points = base.observed
-            reference = base.whitened[0]
+            reference = base.with_shared_errors[0]
         else:
             at_points = base.observations_at(points)
             reference = np.zeros(1)

@@ -173,8 +173,8 @@ def _gains(
     of_refit = np.tile(np.arange(theta_count), (len(combinations), 1))
     columns = np.concatenate([of_refit, theta_count + np.array(combinations)], axis=1)
     grams = _grams(fit, changes, columns)
-    of_forms = Hypothesis(hypothesis.system, forms, reversed_sign).signs
-    all_signs = np.append(hypothesis.signs, of_forms[hypothesis.base_count :])
+    of_forms = Hypothesis(hypothesis.system, forms, reversed_sign)
+    all_signs = np.append(hypothesis.signs, of_forms.signs[of_forms.base_count :])
     log_evidence = []
     for scale in SIZE_SPREADS:
         extended = np.append(spread, np.full(count, scale))

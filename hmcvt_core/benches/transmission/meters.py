@@ -1,0 +1,227 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Errors of the torque meters that the readings of a session share.
+
+A bench is run in sessions. Within one the torque meters keep their zero and their gain, drift
+slowly, and read higher on the way down than on the way up. The efficiency is computed from both
+torques, and the load torque :math:`L` (output power / engine speed) from that of the output. With
+the zero errors :math:`z` and the gain error :math:`g`, a channel :math:`f` that is predicted at the
+measured load therefore seems to be off by
+
+.. math:: \delta L = \left|\frac{\omega_{out}}{\omega_e}\right| z_{output}, \qquad
+          \Delta\eta = -\frac{\eta^2}{L} z_{engine}
+          + \left(\frac{\eta}{L} - \frac{\partial\eta}{\partial L}\right)\delta L + \eta\, g,
+          \qquad \Delta f = -\frac{\partial f}{\partial L}\,\delta L
+
+so a zero weighs most at light load. Each error is one column with a normal prior; the refit and
+the evidence treat it like any other parameter.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...diagnosis.observations import Observations
+from ...diagnosis.system import Array, System
+from ...files.bench import BenchSamples
+from .channels import LOAD_TORQUE
+
+RANGE_MARGIN = 1.5
+"""Range of a torque meter, in the largest torque of the campaign.
+
+A meter is chosen so that the largest torque fills two thirds of its range.
+"""
+ZERO_DEVIATION = 0.001
+"""Standard deviation of the zero in a session [part of the range].
+
+Accuracy class 0.1: the effect of 10 K on the zero is at most 0.1 % of the range (VDI/VDE 2646).
+"""
+GAIN_DEVIATION = 0.001
+"""Standard deviation of the gain in a session [-]: class 0.1, effect of 10 K (VDI/VDE 2646)."""
+DRIFT_DEVIATION = 0.0005
+"""Standard deviation of half the drift of the zero over a session [part of the range].
+
+Half of the zero's: the oil warms by some 5 K after a bench is warm.
+"""
+HYSTERESIS_DEVIATION = 0.0005
+"""Standard deviation of half the width of the hysteresis [part of the range].
+
+Class 0.1: linearity with hysteresis is at most 0.1 % of the range (VDI/VDE 2646).
+"""
+SESSION_PAUSE = 1800.0
+"""Pause between two samples that begins a session at least [s]: a bench cools within it."""
+SESSION_PAUSE_RATIO = 10.0
+"""Ratio of that pause to the median time between samples: a slow plan is no pause."""
+LEAST_SESSION_SAMPLES = 3
+"""Samples from which a session has errors of its own; fewer cannot tell them from noise."""
+LOAD_STEP = 1e-3
+"""Step of the derivative by the load, as a part of it."""
+MOST_SESSIONS = 12
+"""Sessions with errors of their own; further ones share those of the last. Limit of time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sessions:
+    """Sessions of a campaign of n samples.
+
+    Attributes:
+        index: session of each sample, from 0, shape (n,).
+        count: of sessions.
+        phase: time within the session, -1 at its first and 1 at its last sample, shape (n,); zero
+            where nothing tells the order of the samples.
+        direction: 1 where the torque rose to the sample, -1 where it fell, 0 where unknown, (n,).
+    """
+
+    index: NDArray[np.intp]
+    count: int
+    phase: Array
+    direction: Array
+
+
+def sessions_of(samples: BenchSamples) -> Sessions:
+    """Return the sessions by column `session`, else by pauses in `stamp`, else one.
+
+    Args:
+        samples: bench samples; their order within a session is that of `stamp`, else of the rows.
+    """
+    n = len(samples)
+    labels = samples.extra.get("session")
+    stamp = samples.stamp
+    if labels is not None:
+        index = np.unique(np.array(labels), return_inverse=True)[1].ravel()
+    elif stamp is not None:
+        index = _by_pauses(stamp)
+    else:
+        zeros = np.zeros(n)
+        return Sessions(np.zeros(n, dtype=np.intp), 1, zeros, zeros)
+    index = np.minimum(index, MOST_SESSIONS - 1)
+    count = int(index.max()) + 1
+    time = np.arange(n, dtype=float) if stamp is None else stamp
+    phase = np.zeros(n)
+    direction = np.zeros(n)
+    for session in range(count):
+        rows = np.flatnonzero(index == session)
+        in_order = rows[np.argsort(time[rows], kind="stable")]
+        phase[in_order] = _scaled_time(time[in_order])
+        if stamp is not None:
+            steps = np.diff(samples.load_torque[in_order])
+            direction[in_order[1:]] = np.sign(steps)
+    return Sessions(index, count, phase, direction)
+
+
+def _by_pauses(stamp: Array) -> NDArray[np.intp]:
+    """Number the sessions that long pauses divide, shape (n,)."""
+    order = np.argsort(stamp, kind="stable")
+    steps = np.diff(stamp[order])
+    if not len(steps):
+        return np.zeros(len(stamp), dtype=np.intp)
+    pause = max(SESSION_PAUSE, SESSION_PAUSE_RATIO * float(np.median(steps)))
+    index = np.zeros(len(stamp), dtype=np.intp)
+    index[order[1:]] = np.cumsum(steps > pause)
+    return index
+
+
+def _scaled_time(time: Array) -> Array:
+    """Return times scaled to -1 ... 1, zero where they do not differ."""
+    length = np.ptp(time)
+    if length == 0.0:
+        return np.zeros(len(time))
+    return np.asarray(2.0 * (time - time.min()) / length - 1.0)
+
+
+def with_meter_errors(observed: Observations, system: System) -> Observations:
+    """Return observations whose readings share the errors of the torque meters.
+
+    Args:
+        observed: of bench samples.
+        system: the transmission; its prediction says what a wrong load does to each channel.
+    """
+    sessions = sessions_of(observed.samples)
+    slopes = _slopes_by_load(observed, system)
+    engine, output = _changes_by_zero(observed, slopes)
+    gain = np.zeros_like(engine)
+    gain[0] = observed.measured[0]
+    columns = []
+    for session in range(sessions.count):
+        inside = sessions.index == session
+        if inside.sum() < LEAST_SESSION_SAMPLES:
+            continue
+        of_time = inside * sessions.phase
+        columns.append(inside * ZERO_DEVIATION * engine)
+        columns.append(inside * ZERO_DEVIATION * output)
+        columns.append(inside * GAIN_DEVIATION * gain)
+        columns.append(of_time * DRIFT_DEVIATION * engine)
+        columns.append(of_time * DRIFT_DEVIATION * output)
+    columns.append(sessions.direction * HYSTERESIS_DEVIATION * engine)
+    columns.append(sessions.direction * HYSTERESIS_DEVIATION * output)
+    present = [column for column in columns if column.any()]
+    return replace(
+        observed,
+        deviation=_with_load_noise(observed, slopes),
+        shared_errors=np.stack(present, axis=-1),
+    )
+
+
+def _with_load_noise(observed: Observations, slopes: Array) -> Array:
+    """Return the deviations of the readings with those of the load at which they are predicted.
+
+    Half of the variance of an efficiency is that of the output torque, and so of the load.
+
+    Args:
+        observed: of bench samples.
+        slopes: derivatives of the channels by the load, shape (channels, n).
+    """
+    samples = observed.samples
+    of_load = samples.load_torque * observed.deviation[0] / samples.efficiency
+    of_channels = np.abs(slopes) * of_load / np.sqrt(2.0)
+    of_channels[0] = 0.0
+    return np.hypot(observed.deviation, _finite(of_channels))
+
+
+def _changes_by_zero(observed: Observations, slopes: Array) -> tuple[Array, Array]:
+    """Return the change of every channel by a zero of the whole range of each torque meter.
+
+    Args:
+        observed: of bench samples.
+        slopes: derivatives of the channels by the load, shape (channels, n).
+
+    Returns:
+        For the engine's and for the output's meter, shape (channels, n); zero without an answer.
+    """
+    samples = observed.samples
+    ratio = np.ones(len(samples))
+    if samples.output_speed is not None:
+        ratio = np.abs(samples.output_speed / samples.engine_speed)
+    efficiency = samples.efficiency
+    load = samples.load_torque
+    engine = np.zeros_like(observed.measured)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        engine_torque = load / efficiency
+        output_torque = load / ratio
+        engine[0] = -efficiency / engine_torque
+        # The output meter moves the efficiency and the load at which it is predicted.
+        output = -slopes
+        output[0] += efficiency / load
+    engine_range = RANGE_MARGIN * _largest(engine_torque)
+    output_range = RANGE_MARGIN * _largest(output_torque)
+    return _finite(engine_range * engine), _finite(output_range * ratio * output)
+
+
+def _slopes_by_load(observed: Observations, system: System) -> Array:
+    """Return the derivatives of the predicted readings by the load, shape (channels, n)."""
+    load = observed.points[LOAD_TORQUE.name]
+    step = np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance)
+    rows = [system.channels.index(channel) for channel in observed.channels]
+    moved = {**observed.points, LOAD_TORQUE.name: load + step}
+    before = system.predict(system.base.mean, (), observed.points)[rows]
+    after = system.predict(system.base.mean, (), moved)[rows]
+    return np.asarray((after - before) / step)
+
+
+def _finite(changes: Array) -> Array:
+    return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
+
+
+def _largest(torque: Array) -> float:
+    """Return the largest finite magnitude, zero where there is none."""
+    return float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0))
