@@ -46,6 +46,8 @@ _TEMPERATURE_SHARE = 0.5
 _EASED = 0.8
 _MOST_PRESSURE = 38e6
 _MOST_EASINGS = 25
+#: Smallest output torque of a test against the largest: below it, no meter is worth reading.
+_LEAST_TORQUE = 0.15
 
 
 @dataclass(frozen=True)
@@ -165,9 +167,12 @@ def fresh_state(campaign: Campaign, tests: int) -> tuple[Programme, Settings, St
         known.film_temperature[picked],
         rng.choice([-1.0, 1.0], tests),
     )
-    programme = _eased(campaign.truth.whole, programme, settings)
+    whole = campaign.truth.whole
+    programme = _eased(whole, programme, settings)
     settings = replace(settings, load_torque=programme.load_torque)
-    return programme, settings, campaign.truth.whole.run(settings, programme.stage)
+    largest = float(np.max(campaign.state.output_torque))
+    settings = _lifted(settings, whole.run(settings, programme.stage), largest)
+    return programme, settings, whole.run(settings, programme.stage)
 
 
 def _stream(seed: int, number: int) -> np.random.Generator:
@@ -209,6 +214,8 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
     eased = _eased(plain, programme, settings)
     settings = replace(settings, load_torque=eased.load_torque)
     state = plain.run(settings, programme.stage)
+    largest = float(np.max(state.output_torque[state.runs]))
+    settings = _lifted(settings, state, largest)
     power = state.engine_torque * settings.engine_speed
     lost = power * (1.0 - state.efficiency(settings.engine_speed))
     lost = np.where(state.runs, lost, np.nanmean(lost))
@@ -218,6 +225,14 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
     approach = approach_of(settings.load_torque, programme.session)
     return replace(
         settings, oil_temperature=tank, film_temperature=films, approach=approach
+    )
+
+
+def _lifted(settings: Settings, state: State, largest: float) -> Settings:
+    """Raise loads whose output torque is too small a part of the largest to be measured."""
+    short = _LEAST_TORQUE * largest / state.output_torque
+    return replace(
+        settings, load_torque=settings.load_torque * np.maximum(short, 1.0)
     )
 
 

@@ -26,7 +26,7 @@ _STEP = 0.05
 #: One deviation of the efficiency of gear pairs, and of the gauge: gain, zero [Pa].
 _GEAR_LOSS = 0.0005
 _GAUGE = (0.005, 5e4)
-_DRIFT = 0.0003
+_DRIFT = 0.0003 / np.sqrt(3.0)
 #: Relative deviation of a ratio of speeds where the bench has no scatter, and of the efficiency.
 _LEAST_SPEED = 2e-5
 _LEAST_EFFICIENCY = 1e-5

@@ -12,13 +12,13 @@ from studies.blind.effect import FloatArray
 
 #: Full scale against the largest torque of the campaign.
 _FULL_SCALE = (1.2, 2.0)
-#: Of full scale: standard deviation of a session's zero; largest drift; width of the hysteresis;
-#: standard deviation of a reading.
+#: Of full scale: largest zero of a session; largest drift; width of the hysteresis; standard
+#: deviation of a reading.
 _ZERO = (0.0005, 0.001)
 _DRIFT = 0.0003
 _HYSTERESIS = (0.0002, 0.0005)
 _SCATTER = (0.0001, 0.0005)
-#: Standard deviation of a session's gain.
+#: Largest gain of a session.
 _GAIN = (0.0005, 0.001)
 #: Relative standard deviation of a reading of speed.
 SPEED_SCATTER = 0.0002
@@ -109,18 +109,18 @@ def _draw_meter(bench: Bench, largest: float, rng: np.random.Generator) -> Torqu
     gain = rng.uniform(*_GAIN)
     hysteresis = scale * rng.uniform(*_HYSTERESIS)
     scatter = scale * rng.uniform(*_SCATTER)
-    normal = rng.standard_normal((4, _MOST_SESSIONS))
-    drift = scale * _DRIFT * np.clip(normal[2:], -1.5, 1.5)
+    even = rng.uniform(-1.0, 1.0, (4, _MOST_SESSIONS))
+    drift = scale * _DRIFT * even[2:]
     return TorqueMeter(
         full_scale=scale,
-        zeros=zero * normal[0] * bench.zero,
-        gains=gain * normal[1] * bench.gain,
+        zeros=zero * even[0] * bench.zero,
+        gains=gain * even[1] * bench.gain,
         drift=drift[0] * bench.drift,
         swing=drift[1] * bench.drift,
         hysteresis=hysteresis * bench.hysteresis,
         scatter=scatter * bench.noise,
-        zero_sd=zero * bench.zero,
-        gain_sd=gain * bench.gain,
+        zero_sd=zero / np.sqrt(3.0) * bench.zero,
+        gain_sd=gain / np.sqrt(3.0) * bench.gain,
     )
 
 
