@@ -13,6 +13,12 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.fleet.executors import Processes
 from studies.workers import recorded
 
+from .bench.properties import PROPERTIES, Bench
+from .bench.study import cases as bench_cases
+from .bench.study import cost as bench_cost
+from .bench.study import report as bench_report
+from .bench.study import run as run_bench
+from .bench.study import save
 from .conditions import PARTS, cases
 from .loop import work
 from .scoring import goals, misses, report
@@ -22,18 +28,25 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 
 @click.command("blind")
 @click.option(
+    "--plant",
+    type=click.Choice(["twin", "bench"]),
+    default="twin",
+    show_default=True,
+    help="The twin with plain readings, or the bench with sessions, meters and texture.",
+)
+@click.option(
     "--seeds",
     type=click.IntRange(1, 900),
     default=12,
     show_default=True,
-    help="Campaigns per single effect at either noise.",
+    help="Twin: campaigns per single effect at either noise.",
 )
 @click.option(
     "--seed-base",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help=f"First seed; those from {KEPT_BACK} on are kept back from development.",
+    help=f"Twin: first seed; those from {KEPT_BACK} on are kept back from development.",
 )
 @click.option(
     "--part",
@@ -41,18 +54,49 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
     type=click.Choice(PARTS),
     multiple=True,
     default=PARTS,
-    help="What to run; may be given more than once.  [default: all]",
+    help="Twin: what to run; may be given more than once.  [default: all]",
 )
 @click.option(
     "--quick",
     is_flag=True,
-    help="One campaign per effect at 0.4 %, or in the parts chosen: goals and misses.",
+    help="Twin: one campaign per effect at 0.4 %, or in the parts chosen: goals and misses.",
 )
 @click.option(
     "--only",
     default="",
     metavar="TEXT",
-    help="Only campaigns with this in their name, as pair in `0.4 %/pair/24001`.",
+    help="Twin: only campaigns with this in their name, as pair in `0.4 %/pair/24001`.",
+)
+@click.option(
+    "--campaigns",
+    type=click.IntRange(1),
+    default=24,
+    show_default=True,
+    help="Bench: number of campaigns.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Bench: seed of the first campaign; those from 90000000 on are kept back.",
+)
+@click.option(
+    "--without",
+    type=click.Choice(PROPERTIES),
+    multiple=True,
+    help="Bench: a property to switch off; may be given more than once.",
+)
+@click.option(
+    "--kinds",
+    default="",
+    metavar="KIND,...",
+    help="Bench: kinds of campaign, such as single,pair,nothing.  [default: all]",
+)
+@click.option(
+    "--cost",
+    is_flag=True,
+    help="Bench: one run with each property switched off, on the same seeds.",
 )
 @click.option(
     "--jobs",
@@ -66,34 +110,61 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
     type=OutputFile(),
     default=None,
     metavar="FILE",
-    help="To go on after an interruption.  [default: blind-results.jsonl, --quick none]",
+    help="Twin: to continue after an interruption.  [default: blind-results.jsonl, --quick none]",
 )
 @click.option(
     "--out",
     type=OutputFile(),
     default=None,
-    metavar="REPORT.md",
-    help="Write the report there too.",
+    metavar="FILE",
+    help="Twin: write the report there too. Bench: write the records there as JSON.",
 )
-def command(
-    seeds: int,
-    seed_base: int,
-    parts: tuple[str, ...],
-    quick: bool,
-    only: str,
-    jobs: int,
-    results: str | None,
-    out: str | None,
-) -> None:
-    """Run the blind trial: the diagnosis gets the bench columns of the twin's campaigns alone."""
+def command(plant: str, jobs: int, out: str | None, **options: Any) -> None:
+    """Run the blind trial: the diagnosis gets the bench columns of the campaigns alone."""
+    run = _bench if plant == "bench" else _twin
+    click.echo(run(options, jobs, out))
+
+
+def _bench(options: dict[str, Any], jobs: int, out: str | None) -> str:
+    """Run campaigns on the bench; return their tables."""
+    kinds = tuple(kind for kind in options["kinds"].split(",") if kind)
+
+    def progress(line: str) -> None:
+        click.echo(line, err=True)
+
+    if options["cost"]:
+        text, content = bench_cost(
+            options["campaigns"], options["seed"], jobs, kinds, progress
+        )
+        if out is not None:
+            save(Path(out), content)
+        return text
+    bench = Bench().without(*options["without"])
+    todo = bench_cases(options["campaigns"], options["seed"], bench, kinds)
+    records = run_bench(todo, jobs, progress)
+    if out is not None:
+        save(Path(out), records)
+    return bench_report(records)
+
+
+def _twin(options: dict[str, Any], jobs: int, out: str | None) -> str:
+    """Run campaigns of the twin; return the report."""
+    seeds = options["seeds"]
+    seed_base = options["seed_base"]
+    parts = options["parts"]
+    quick = options["quick"]
     if quick:
-        seeds, parts = 1, parts if parts != PARTS else PARTS[:1]
+        seeds = 1
+        parts = parts if parts != PARTS else PARTS[:1]
     todo = {
-        case.key: case for case in cases(seed_base, seeds, parts) if only in case.key
+        case.key: case
+        for case in cases(seed_base, seeds, parts)
+        if options["only"] in case.key
     }
     records: list[dict[str, Any]] = []
     with Processes(jobs) as pool:
-        path = Path(results or (os.devnull if quick else "blind-results.jsonl"))
+        default = os.devnull if quick else "blind-results.jsonl"
+        path = Path(options["results"] or default)
         for record in recorded(pool, work, todo, path):
             records.append(record)
             if len(records) % 10 == 0:
@@ -108,7 +179,7 @@ def command(
     )
     if out is not None:
         write_atomically(Path(out), text)
-    click.echo(f"{goals(records)}\n\n{misses(records)}" if quick else text)
+    return f"{goals(records)}\n\n{misses(records)}" if quick else text
 
 
 if __name__ == "__main__":

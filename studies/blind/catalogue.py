@@ -7,12 +7,15 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
-from studies.blind import drag, hydrostatics, meters, unknown  # noqa: F401
+from studies.blind import drag, hydrostatics, meters, unknown
 from studies.blind.effect import Effect, FloatArray
 from studies.blind.plans import reference_points
 from studies.blind.twin import BaseTruth, Plant
 
-_BY_NAME = {kind.name: kind for kind in Effect.__subclasses__()}
+_MODULES = {module.__name__ for module in (drag, hydrostatics, meters, unknown)}
+_BY_NAME = {
+    kind.name: kind for kind in Effect.__subclasses__() if kind.__module__ in _MODULES
+}
 #: Effects that the diagnosis lists, and those in nobody's library.
 KNOWN_EFFECTS = tuple(
     name for name, kind in _BY_NAME.items() if kind.__module__ != unknown.__name__

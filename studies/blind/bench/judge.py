@@ -1,0 +1,205 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""One campaign of the bench, diagnosed, and the answer compared with the truth.
+
+The diagnosis receives the columns that the bench shows and nothing else.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import hmcvt_core as hmcvt
+from hmcvt_core.errors import InputError
+from studies.blind.bench.campaign import Campaign, fresh_state, make_campaign
+from studies.blind.bench.classes import classes_of
+from studies.blind.bench.confusion import Confusion, confusion_of
+from studies.blind.bench.properties import Bench
+from studies.blind.bench.truth import SETS
+from studies.blind.effect import FloatArray
+
+#: Squared deviations that an effect leaves at least when it is hidden.
+DETECTABLE = 18.0
+#: Squared cosine above which two effects of one set have the same signature.
+_SAME = 0.9
+_FRESH_TESTS = 200
+_ATTEMPTS = 12
+_GROWTH = 1.4
+#: Campaigns of one seed are drawn from this many seeds.
+_SEEDS = 1000
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign to diagnose.
+
+    Attributes:
+        kind: of what it hides.
+        seed: of everything.
+        bench: properties of the bench.
+    """
+
+    kind: str
+    seed: int
+    bench: Bench
+
+    @property
+    def key(self) -> str:
+        """A name that no other case of a run has."""
+        return f"{self.kind}/{self.seed}"
+
+
+def draw(case: Case) -> tuple[Campaign, Confusion]:
+    """Draw campaigns from the seed on; return the first whose effects can all be seen.
+
+    Effects grow with every second attempt, so that one that hardly shows ends as well.
+
+    Raises:
+        InputError: none of the attempts is usable.
+    """
+    for attempt in range(_ATTEMPTS):
+        growth = _GROWTH ** (attempt % 3)
+        seed = _SEEDS * case.seed + attempt // 3
+        try:
+            campaign = make_campaign(case.kind, seed, case.bench, growth=growth)
+        except InputError:
+            continue
+        confusion = confusion_of(campaign)
+        if case.kind not in SETS:
+            return campaign, confusion
+        if min(confusion.left) >= DETECTABLE and confusion.alike < _SAME:
+            return campaign, confusion
+    raise InputError(f"{case.key}: no campaign of {_ATTEMPTS} is usable")
+
+
+def served(campaign: Campaign) -> tuple[hmcvt.EfficiencyModel, hmcvt.BenchSamples]:
+    """Return all that the product receives: the served model and the bench's columns."""
+    columns: dict[str, Any] = campaign.columns
+    model = hmcvt.load_model(hmcvt.data_path(campaign.layout.model_file))
+    samples = hmcvt.BenchSamples(**columns, extra=campaign.texts)
+    return model, samples
+
+
+def judge(case: Case) -> dict[str, Any]:
+    """Make a campaign, have it diagnosed, and return how the answer compares with the truth."""
+    campaign, confusion = draw(case)
+    model, samples = served(campaign)
+    start = time.process_time()
+    found = hmcvt.diagnose(model, samples)
+    seconds = time.process_time() - start
+    answer = found.to_dict()
+    return {
+        **_hidden(case, campaign, confusion),
+        **_answer(answer, campaign),
+        "seconds": seconds,
+        **_elsewhere(campaign, found, model),
+    }
+
+
+def _hidden(case: Case, campaign: Campaign, confusion: Confusion) -> dict[str, Any]:
+    """Return what a record says of the truth."""
+    variants = {effect.name: effect.variant for effect in campaign.truth.effects}
+    sizes = {effect.name: float(effect.size) for effect in campaign.truth.effects}
+    names = list(campaign.truth.names)
+    return {
+        "kind": case.kind,
+        "seed": case.seed,
+        "layout": campaign.layout.name,
+        "columns": sorted(campaign.columns),
+        "truth": names,
+        "variants": variants,
+        "sizes": sizes,
+        "true_classes": classes_of(names, variants, campaign.layout.output_coupled),
+        "left": list(confusion.left),
+        "beyond": confusion.beyond,
+        "sessions": len(set(campaign.texts["session"])),
+        "noise": float(np.sqrt(np.mean(campaign.noise**2))),
+    }
+
+
+def _answer(answer: dict[str, Any], campaign: Campaign) -> dict[str, Any]:
+    """Return what a record says of the verdict, with sets of one class merged."""
+    forms = {cause["effect"]: cause.get("form") or "" for cause in answer["causes"]}
+    merged: dict[tuple[str, ...], float] = {}
+    for item in answer["sets"]:
+        classes = classes_of(item["effects"], forms, campaign.layout.output_coupled)
+        key = tuple(classes)
+        merged[key] = merged.get(key, 0.0) + item["probability"]
+    ranked = sorted(merged.items(), key=lambda entry: -entry[1])
+    shrinkage = answer["shrinkage"]
+    return {
+        "verdict": answer["verdict"],
+        "unlisted": answer["unlisted_probability"],
+        "sets": [
+            [sorted(item["effects"]), item["probability"]]
+            for item in answer["sets"][:5]
+        ],
+        "forms": forms,
+        "classes": [[list(classes), p] for classes, p in ranked[:5]],
+        "gap": answer["gap"],
+        "promised": shrinkage["fraction"],
+        "interval": shrinkage["interval"],
+    }
+
+
+def _elsewhere(
+    campaign: Campaign, found: hmcvt.Diagnosis, model: hmcvt.EfficiencyModel
+) -> dict[str, Any]:
+    """Compare with the machine itself at fresh tests, on a bench without errors."""
+    programme, settings, state = fresh_state(campaign, _FRESH_TESTS)
+    engine = state.engine_torque
+    output = state.output_torque
+    for effect in campaign.truth.effects:
+        engine, output = effect.read(engine, output)
+    power = output * state.output_speed
+    efficiency = power / (engine * settings.engine_speed)
+    points: dict[str, FloatArray] = {
+        "displacement_ratio": settings.displacement_ratio,
+        "engine_speed": settings.engine_speed,
+        "load_torque": power / settings.engine_speed,
+    }
+    if "oil_temperature" in campaign.columns:
+        points["oil_temperature"] = settings.oil_temperature
+    names = [campaign.layout.trains[number].name for number in programme.stage]
+    before = efficiency - _predicted(found.base, points, names)
+    after = efficiency - _predicted(found.model, points, names)
+    recorded = dict(points)
+    stages = list(model.stages)
+    if len(stages) > 1 and len(campaign.layout.trains) > 1:
+        numbers = [float(stages.index(name)) for name in names]
+        recorded["stage"] = np.array(numbers)
+    gap, deviation = found.gap_at(**recorded)
+    usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(gap)
+    before = before[usable]
+    after = after[usable]
+    gap = gap[usable]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.nan_to_num(np.corrcoef(gap, before)[0, 1])
+        pull = (gap - before) / deviation[usable]
+    return {
+        "met": 1.0 - float(np.mean(after**2) / np.mean(before**2)),
+        "true_gap": float(np.sqrt(np.mean(before**2))),
+        "left_gap": float(np.sqrt(np.mean(after**2))),
+        "correlation": float(correlation),
+        "within_two": float(np.mean(np.abs(np.nan_to_num(pull, nan=9.0)) < 2.0)),
+    }
+
+
+def _predicted(
+    model: Any, points: dict[str, FloatArray], names: list[str]
+) -> FloatArray:
+    """Efficiency that a model predicts at tests of several stages."""
+    predicted = np.full(len(names), np.nan)
+    for name in sorted(set(names)):
+        index = np.array([i for i, other in enumerate(names) if other == name])
+        stage = model.stages.get(name, model)
+        at = [
+            points[axis][index]
+            for axis in ("displacement_ratio", "engine_speed", "load_torque")
+        ]
+        oil = None
+        if "oil_temperature" in points:
+            oil = points["oil_temperature"][index]
+        predicted[index] = stage.efficiency(*at, oil)
+    return predicted

@@ -1,0 +1,123 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Runs of many campaigns on the bench."""
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from pathlib import Path
+from typing import Any
+
+from hmcvt_core.errors import InputError
+from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.fleet.executors import Processes
+from studies.blind.bench.judge import Case, judge
+from studies.blind.bench.properties import PROPERTIES, Bench
+from studies.blind.bench.scores import (
+    Record,
+    band_table,
+    cost_table,
+    kind_table,
+    score_table,
+)
+from studies.blind.bench.truth import KINDS
+
+#: Seeds from here on are kept back from development.
+KEPT_BACK = 90_000_000
+
+
+def cases(
+    campaigns: int, first_seed: int, bench: Bench, kinds: Sequence[str] = ()
+) -> list[Case]:
+    """Return the campaigns of a run; a longer run begins with those of a shorter one.
+
+    Args:
+        campaigns: number of campaigns.
+        first_seed: of the first; the others count up.
+        bench: properties of the bench.
+        kinds: of campaign; empty for all.
+    """
+    cycle = _cycle(kinds or tuple(KINDS))
+    return [
+        Case(cycle[i % len(cycle)], first_seed + i, bench) for i in range(campaigns)
+    ]
+
+
+def _cycle(kinds: Sequence[str]) -> list[str]:
+    """Return kinds in an order in which each comes as often as it is to, evenly mixed."""
+    for kind in kinds:
+        if kind not in KINDS:
+            raise InputError(
+                f"kind {kind!r} does not exist, expected one of {list(KINDS)}"
+            )
+    total = sum(KINDS[kind] for kind in kinds)
+    turns: list[str] = []
+    due = dict.fromkeys(kinds, 0.0)
+    for _ in range(total):
+        for kind in kinds:
+            due[kind] += KINDS[kind] / total
+        most = max(due, key=lambda kind: due[kind])
+        due[most] -= 1.0
+        turns.append(most)
+    return turns
+
+
+def run(
+    work: Sequence[Case], jobs: int, progress: Callable[[str], None]
+) -> list[Record]:
+    """Diagnose every campaign; records in the order of the cases.
+
+    A campaign that cannot be drawn, or whose diagnosis raises an error, has the key `error`.
+    """
+    records: dict[str, Record] = {}
+    with Processes(jobs) as pool:
+        waiting = {pool.submit(_judged, case): case.key for case in work}
+        for future in as_completed(waiting):
+            records[waiting[future]] = future.result()
+            progress(f"{len(records)} of {len(work)} campaigns")
+    return [records[case.key] for case in work]
+
+
+def _judged(case: Case) -> Record:
+    try:
+        return judge(case)
+    except InputError as error:
+        return {"kind": case.kind, "seed": case.seed, "error": str(error)}
+
+
+def report(records: Sequence[Record]) -> str:
+    """Return the tables of a run."""
+    usable = [record for record in records if "error" not in record]
+    parts = [score_table(usable), band_table(usable), kind_table(usable)]
+    for record in records:
+        if "error" in record:
+            parts.append(f"{record['kind']}/{record['seed']}: {record['error']}")
+    return "\n\n".join(part for part in parts if part)
+
+
+def cost(
+    campaigns: int,
+    seed: int,
+    jobs: int,
+    kinds: Sequence[str],
+    progress: Callable[[str], None],
+) -> tuple[str, dict[str, list[Record]]]:
+    """Run the same campaigns with each property switched off in turn.
+
+    Returns:
+        The table, and the records of each run.
+    """
+    runs: dict[str, list[Record]] = {}
+    for name in ("nothing", *PROPERTIES):
+        bench = Bench() if name == "nothing" else Bench().without(name)
+        progress(f"without {name}")
+        runs[name] = run(cases(campaigns, seed, bench, kinds), jobs, progress)
+    usable = {
+        name: [record for record in records if "error" not in record]
+        for name, records in runs.items()
+    }
+    return cost_table(usable), runs
+
+
+def save(path: Path, content: Any) -> None:
+    """Write records as JSON."""
+    write_atomically(path, json.dumps(content, indent=1) + "\n")
