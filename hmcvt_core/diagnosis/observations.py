@@ -20,6 +20,7 @@ from .settings import (
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
     PRIOR_DOF_STATED_SMALL,
+    RECORDED_DEGREE,
     REPLICATE_TOLERANCE,
     REPLICATES_NEEDED,
     SMALL_CAMPAIGN,
@@ -76,9 +77,13 @@ class Observations:
         return np.stack([self.points[axis.name] for axis in self.steered])
 
     @cached_property
-    def smooth(self) -> tuple[Array, NDArray[np.intp]]:
-        """`smooth_functions` of the coordinates, up to `SMOOTH_DEGREE`."""
-        return smooth_functions(self.coordinates, SMOOTH_DEGREE)
+    def smooth(self) -> SmoothFunctions:
+        """Functions that are smooth over every axis along which the campaign varies."""
+        varying = []
+        for axis in self.axes:
+            if axis.steered or np.ptp(self.points[axis.name]) > axis.tolerance:
+                varying.append(axis)
+        return SmoothFunctions(tuple(varying), self.points)
 
     @cached_property
     def unit_discrepancy(self) -> Array:
@@ -291,33 +296,67 @@ def scaled_to_extent(coordinates: Array, within: Array | None = None) -> Array:
     return np.asarray((2.0 * (coordinates - low) / width - 1.0).clip(-1.0, 1.0))
 
 
-def smooth_functions(
-    coordinates: Array, degree: int, within: Array | None = None
-) -> tuple[Array, NDArray[np.intp]]:
-    """Return products of Legendre polynomials up to a total degree.
+@dataclass(frozen=True, eq=False)
+class SmoothFunctions:
+    """Products of Legendre polynomials over the extent of a campaign, the constant first.
 
-    Args:
-        coordinates: where to evaluate them, shape (axes, n).
-        degree: the highest total degree.
-        within: coordinates of the campaign by which each axis is scaled, shape (axes, m); the
-            same ones if None.
+    Their total degree is at most `SMOOTH_DEGREE` over the axes that a test sets, and at most
+    `RECORDED_DEGREE` where an axis that is only recorded takes part.
 
-    Returns:
-        Values of shape (n, m), each of mean square about 1, and the degree of each function,
-        shape (m,). The constant comes first.
+    Attributes:
+        axes: along which the functions vary.
+        campaign: operating points whose extent scales each axis.
     """
-    scaled = scaled_to_extent(coordinates, within)
-    # P_k has mean square 1 / (2 k + 1) over -1 ... 1.
-    norms = np.sqrt(2.0 * np.arange(degree + 1) + 1.0)
-    along_axis = norms * legendre.legvander(scaled, degree)
-    orders = [
-        powers
-        for powers in itertools.product(range(degree + 1), repeat=len(coordinates))
-        if sum(powers) <= degree
-    ]
-    orders.sort(key=sum)
-    columns = []
-    for powers in orders:
-        factors = [along_axis[axis, :, order] for axis, order in enumerate(powers)]
-        columns.append(np.prod(factors, axis=0))
-    return np.stack(columns, axis=1), np.array([sum(powers) for powers in orders])
+
+    axes: tuple[Axis, ...]
+    campaign: Points
+
+    @cached_property
+    def powers(self) -> NDArray[np.intp]:
+        """Degree of each function along each axis, shape (m, axes)."""
+        recorded = np.array([not axis.steered for axis in self.axes])
+        kept = []
+        for powers in itertools.product(
+            range(SMOOTH_DEGREE + 1), repeat=len(self.axes)
+        ):
+            most = SMOOTH_DEGREE
+            if np.any(np.array(powers)[recorded]):
+                most = RECORDED_DEGREE
+            if sum(powers) <= most:
+                kept.append(powers)
+        kept.sort(key=sum)
+        return np.array(kept)
+
+    @property
+    def degree(self) -> NDArray[np.intp]:
+        """Total degree of each function, shape (m,)."""
+        return np.asarray(self.powers.sum(axis=1))
+
+    @property
+    def family(self) -> NDArray[np.intp]:
+        """Family of each function, whose coefficients have one amplitude, shape (m,).
+
+        0 for the constant, 1 + i for functions of axis i alone, 1 + axes for products.
+        """
+        involved = self.powers > 0
+        of_one_axis = 1 + involved.argmax(axis=1)
+        family = np.where(involved.sum(axis=1) > 1, 1 + len(self.axes), of_one_axis)
+        return np.where(self.degree == 0, 0, family)
+
+    def at(self, points: Points) -> Array:
+        """Return the functions at operating points, each of mean square about 1, shape (n, m)."""
+        within = np.stack([self.campaign[axis.name] for axis in self.axes])
+        where = np.stack([points[axis.name] for axis in self.axes])
+        scaled = scaled_to_extent(where, within)
+        # P_k has mean square 1 / (2 k + 1) over -1 ... 1.
+        norms = np.sqrt(2.0 * np.arange(SMOOTH_DEGREE + 1) + 1.0)
+        along_axis = norms * legendre.legvander(scaled, SMOOTH_DEGREE)
+        values = np.ones((where.shape[1], len(self.powers)))
+        for axis, of_axis in enumerate(along_axis):
+            values *= of_axis[:, self.powers[:, axis]]
+        return values
+
+    @cached_property
+    def at_campaign(self) -> Array:
+        """The functions at the points of the campaign, shape (n, m)."""
+        return self.at(self.campaign)

@@ -201,8 +201,9 @@ def uneven_noise(fit: Fit) -> Array:
     factors = np.ones_like(fit.whitened)
     regressors = _log_variance_regressors(observed)
     points = _distinct_points(observed)
+    base_columns = fit.jacobian[..., : len(fit.base)]
     for i, channel in enumerate(observed.channels):
-        nuisance = np.hstack([observed.smooth[0], fit.jacobian[i]])
+        nuisance = np.hstack([observed.smooth.at_campaign, base_columns[i]])
         # An assumed noise of a small campaign has more of them, and counts as stated too.
         stated = observed.prior_dof[i] > PRIOR_DOF_ASSUMED
         # Uncertainty propagated from meters has its shape already.

@@ -50,6 +50,12 @@ Source: chosen on development campaigns. A higher degree lets smooth discrepanci
 gaps.
 """
 
+RECORDED_DEGREE = 2
+"""Total degree of smooth functions in which an axis takes part that is only recorded.
+
+Source: chosen; an oil temperature or a stage bends a loss, and changes it with stroke or speed.
+"""
+
 PRIOR_DOF_STATED = 8.0
 """Prior degrees of freedom of a stated noise: how many samples the statement is worth.
 
@@ -341,23 +347,48 @@ SCREENED_SPREAD = 1.5
 Source: the middle one of `SIZE_SPREADS`.
 """
 
-FORM_ALLOWANCES = (0.02, 0.07, 0.25)
-"""Prior deviations of the bend of a form, as a part of its signature; equally likely.
+FORM_ALLOWANCE = 0.07
+"""Prior median of the bend of a form along an axis, as a part of its signature.
 
-Source: about what families of forms in the literature leave of each other, from power laws, which
-agree once their exponents do, to films that break (docs/diagnosis.md).
+Source: families of forms in the literature leave of each other between 0.02, as power laws do once
+their exponents agree, and 0.25, as films that break do (docs/diagnosis.md).
+"""
+
+AMPLITUDE_LOG_DEVIATION = 2.0 * math.log(2.0)
+"""Prior deviation of the log variance of a fitted amplitude.
+
+Source: chosen; an amplitude is known within a factor of two. Forms then span 0.02 ... 0.25 at two
+deviations.
+"""
+
+AMPLITUDE_ROUNDS = 20
+"""Most rounds of the fixed point of the amplitudes.
+
+Source: chosen as a guard against endless iteration.
+"""
+
+AMPLITUDE_TOLERANCE = 0.05
+"""Change of a log variance at which the amplitudes have converged.
+
+Source: chosen; the evidence is stationary in the amplitudes.
+"""
+
+AMPLITUDE_NEWTON_STEPS = 3
+"""Newton steps of one round.
+
+Source: chosen; further rounds go on from there.
+"""
+
+AMPLITUDE_MOST_STEP = 3.0
+"""Largest change of a log variance in a round.
+
+Source: chosen as a guard against overshooting.
 """
 
 FORM_ALLOWANCE_DEGREE = 2
 """Total degree of the polynomials by which a form may bend.
 
 Source: chosen on development campaigns.
-"""
-
-EXACT_BASE_SPREAD = 1e-6
-"""Prior deviation of the base discrepancy that stands for an exact base model.
-
-Source: small against every reading.
 """
 
 LEAST_SQUARE_PART = 1e-9

@@ -14,6 +14,8 @@ residuals. Only Gram matrices enter, so thousands of models over the same sample
 each. See MacKay, *Bayesian interpolation* (1992), Neural Comput. 4, 415.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,7 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..observations import Observations
-from ..settings import NOISE_ROUNDS, NOISE_TOLERANCE
+from ..settings import (
+    AMPLITUDE_LOG_DEVIATION,
+    AMPLITUDE_MOST_STEP,
+    AMPLITUDE_NEWTON_STEPS,
+    AMPLITUDE_ROUNDS,
+    AMPLITUDE_TOLERANCE,
+    NOISE_ROUNDS,
+    NOISE_TOLERANCE,
+)
 from ..system import Array
 
 
@@ -108,6 +118,104 @@ def model_evidence(
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         log_evidence += moment_prior_log_bayes_factor(mean, variance, spread, signs)
     return ModelEvidence(log_evidence, mean, covariance, noise)
+
+
+def fitted_model(
+    observed: Observations,
+    columns: Array,
+    target: Array,
+    prior_spread: Array,
+    group: NDArray[np.intp],
+) -> LinearModel:
+    r"""Return a linear model whose groups of coefficients have fitted amplitudes.
+
+    The coefficients of group g have the variances :math:`v_g s_j^2`, with
+    :math:`\log v_g \sim N(0, \sigma^2)`. Each :math:`v_g` is set to its posterior mode (automatic
+    relevance determination; MacKay 1992), which balances the effective number
+    :math:`\gamma_g` of coefficients that the readings determine:
+
+    .. math:: \tfrac12\sum_j \frac{m_j^2}{v_g s_j^2} - \tfrac12\gamma_g
+              - \frac{\log v_g}{\sigma^2} = 0
+
+    The log evidence includes the prior of each amplitude and the width of its mode (Laplace).
+
+    Args:
+        observed: the readings.
+        columns: shape (channels, n, p).
+        target: shape (channels, n).
+        prior_spread: prior standard deviations s, shape (p,).
+        group: number of the group of each coefficient, -1 for none, shape (p,).
+    """
+    grams = gram(columns, target)
+    groups = int(group.max(initial=-1)) + 1
+    in_group = group >= 0
+    of_coefficients = group[in_group]
+    log_variance = np.zeros(groups)
+    effective = np.zeros(groups)
+    signs = np.full(len(prior_spread), np.nan)
+    for _ in range(AMPLITUDE_ROUNDS):
+        spread = _with_amplitudes(prior_spread, group, log_variance)
+        evidence, mean, covariance, noise = _single_evidence(
+            grams, len(observed), spread, observed.prior_dof
+        )
+        precision = spread[in_group] ** -2.0
+        determined = 1.0 - np.diagonal(covariance)[in_group] * precision
+        effective = np.bincount(of_coefficients, determined, groups).clip(0.0)
+        relative = mean[in_group] ** 2 * precision
+        squares = np.bincount(of_coefficients, relative, groups).astype(np.float64)
+        step = _log_variance_step(log_variance, squares, effective)
+        log_variance = log_variance + step
+        if (np.abs(step) < AMPLITUDE_TOLERANCE).all():
+            break
+    of_prior = -0.5 * np.sum(log_variance**2) / AMPLITUDE_LOG_DEVIATION**2
+    of_width = -0.5 * np.sum(np.log1p(0.5 * effective * AMPLITUDE_LOG_DEVIATION**2))
+    return LinearModel(
+        columns=columns,
+        target=target,
+        spread=spread,
+        signs=signs,
+        log_evidence=float(evidence + of_prior + of_width),
+        mean=mean,
+        covariance=covariance,
+        noise=noise,
+        prior_spread=prior_spread,
+        group=group,
+    )
+
+
+def _with_amplitudes(
+    prior_spread: Array, group: NDArray[np.intp], log_variance: Array
+) -> Array:
+    """Return the standard deviations of all coefficients at the amplitudes of their groups."""
+    # The last entry serves the coefficients without a group, numbered -1.
+    amplitude = np.exp(0.5 * np.append(log_variance, 0.0))
+    return np.asarray(prior_spread * amplitude[group])
+
+
+def _single_evidence(
+    grams: Array, count: int, spread: Array, prior_dof: Array
+) -> tuple[float, Array, Array, Array]:
+    """Return `model_evidence` of one model."""
+    posterior = model_evidence(grams[None], count, spread, prior_dof)
+    log_evidence, mean, covariance, noise = (part[0] for part in posterior)
+    return float(log_evidence), mean, covariance, noise
+
+
+def _log_variance_step(log_variance: Array, squares: Array, effective: Array) -> Array:
+    """Return the Newton steps to the modes of the log variances of all groups.
+
+    Args:
+        log_variance: before the step, shape (groups,).
+        squares: of the coefficients, in their variances before the step, shape (groups,).
+        effective: numbers of determined coefficients, shape (groups,).
+    """
+    precision = AMPLITUDE_LOG_DEVIATION**-2.0
+    step = np.zeros_like(log_variance)
+    for _ in range(AMPLITUDE_NEWTON_STEPS):
+        shrunk = squares * np.exp(-step)
+        slope = 0.5 * (shrunk - effective) - precision * (log_variance + step)
+        step = step + slope / (0.5 * shrunk + precision)
+    return np.asarray(step.clip(-AMPLITUDE_MOST_STEP, AMPLITUDE_MOST_STEP))
 
 
 def change_of_prior_scale(
@@ -205,6 +313,9 @@ class LinearModel:
         mean: posterior mean of the coefficients, shape (p,).
         covariance: posterior covariance of the coefficients, shape (p, p).
         noise: variance of each channel in units of the stated one, shape (channels,).
+        prior_spread: prior standard deviations before amplitudes were fitted, shape (p,); None
+            where no amplitude was.
+        group: as for `fitted_model`, shape (p,); None where no amplitude was fitted.
     """
 
     columns: Array
@@ -215,6 +326,8 @@ class LinearModel:
     mean: Array
     covariance: Array
     noise: Array
+    prior_spread: Array | None = None
+    group: NDArray[np.intp] | None = None
 
     def residual(self, first: int | None = None) -> Array:
         """Return target minus fit, in deviations, shape (channels, n).

@@ -12,13 +12,16 @@ operating points of a campaign, or constant inside a box. Three kinds compete:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
-from ..observations import Observations, smooth_functions
-from ..settings import FORM_ALLOWANCE_DEGREE, SMOOTH_DEGREE
+from ..observations import Observations
+from ..settings import FORM_ALLOWANCE, FORM_ALLOWANCE_DEGREE
 from ..system import Array
 
 
@@ -59,51 +62,89 @@ class Discrepancy:
             coordinates = points.coordinates
             inside = (coordinates >= low) & (coordinates <= high)
             return inside.all(axis=0)[:, None].astype(float)
+        smooth = self.campaign.smooth
         if points is self.campaign:
-            return self.campaign.smooth[0]
-        within = self.campaign.coordinates
-        return smooth_functions(points.coordinates, SMOOTH_DEGREE, within)[0]
+            return smooth.at_campaign
+        return smooth.at(points.points)
 
-    def spread(self, *scales: float) -> Array:
-        """Return prior standard deviations of the coefficients of a smooth discrepancy.
+    def prior(self, scales: Sequence[float]) -> tuple[Array, NDArray[np.intp]]:
+        """Return the prior of the coefficients of a smooth discrepancy.
 
-        They are half of the scale, and halve with each degree above the first. Over two axes
-        their squares then sum to the square of the scale.
+        The standard deviations are half of the scale, and halve with each degree above the first.
+        Over two axes their squares then sum to the square of the scale.
 
         Args:
-            scales: one for each channel, in its unit or relative.
+            scales: prior median of the discrepancy in each channel, in its unit or relative.
+
+        Returns:
+            Standard deviations, and the family of functions in a channel to which each coefficient
+            belongs, shape (m,) each.
         """
-        degree = self.campaign.smooth[1]
-        part_of_scale = 0.5 * 2.0 ** -(degree - 1.0).clip(0.0)
-        return np.asarray(np.outer(scales, part_of_scale).ravel())
+        smooth = self.campaign.smooth
+        part_of_scale = 0.5 * 2.0 ** -(smooth.degree - 1.0).clip(0.0)
+        spread = np.outer(scales, part_of_scale).ravel()
+        families = int(smooth.family.max()) + 1
+        group = [smooth.family + i * families for i in range(len(scales))]
+        return spread, np.concatenate(group)
 
 
-def base_discrepancy(observed: Observations) -> tuple[Discrepancy, Array]:
-    """Return the discrepancy of a base model in every channel, and its prior deviations."""
+def base_discrepancy(
+    observed: Observations,
+) -> tuple[Discrepancy, Array, NDArray[np.intp]]:
+    """Return the discrepancy of a base model in every channel, and its prior."""
     channels = tuple(range(len(observed.channels)))
     discrepancy = Discrepancy(observed, channels, is_base=True)
     scales = [channel.misfit_spread for channel in observed.channels]
-    return discrepancy, discrepancy.spread(*scales)
+    return discrepancy, *discrepancy.prior(scales)
 
 
-def allowance_columns(fit: Fit, campaign: Observations) -> Array:
+class Columns(NamedTuple):
+    """Columns of a linear model and the prior of their coefficients.
+
+    Attributes:
+        columns: shape (channels, n, p).
+        spread: prior standard deviations, shape (p,).
+        group: number of the group with one amplitude, -1 for none, shape (p,).
+    """
+
+    columns: Array
+    spread: Array
+    group: NDArray[np.intp]
+
+    def with_further(self, further: Columns) -> Columns:
+        """Return these columns and further ones, whose groups are others."""
+        offset = int(self.group.max(initial=-1)) + 1
+        group = np.where(further.group < 0, -1, further.group + offset)
+        return Columns(
+            np.concatenate([self.columns, further.columns], axis=-1),
+            np.append(self.spread, further.spread),
+            np.append(self.group, group),
+        )
+
+
+def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> Columns:
     """Return the columns of a refit with allowances for an inexact base and inexact forms.
 
     Args:
-        fit: a refit with effects.
+        fit: a refit.
         campaign: whose extent scales the smooth functions.
+        sizes: prior standard deviations of the sizes, in typical sizes.
 
     Returns:
-        Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect,
-        shape (channels, n, p).
+        Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect.
     """
-    of_base, _ = base_discrepancy(campaign)
-    degree = campaign.smooth[1]
+    ungrouped = np.full(len(fit.theta), -1)
+    columns = Columns(fit.jacobian, fit.hypothesis.spread(sizes), ungrouped)
+    base, spread, group = base_discrepancy(campaign)
+    columns = columns.with_further(Columns(base.columns(fit.observed), spread, group))
+    smooth = campaign.smooth
     # A constant factor on a signature is its size.
-    is_bend = (degree > 0) & (degree <= FORM_ALLOWANCE_DEGREE)
-    bends = of_base.functions(fit.observed)[:, is_bend]
-    parts = [fit.jacobian, of_base.columns(fit.observed)]
+    is_bend = (smooth.degree > 0) & (smooth.degree <= FORM_ALLOWANCE_DEGREE)
+    bends = base.functions(fit.observed)[:, is_bend]
+    family = smooth.family[is_bend]
+    # All bends of a family together have the variance of the allowance.
+    spread = FORM_ALLOWANCE / np.sqrt(np.bincount(family)[family])
     for i in fit.hypothesis.size_indices:
         signature = fit.jacobian[..., [i]] * fit.theta[i]
-        parts.append(signature * bends)
-    return np.concatenate(parts, axis=-1)
+        columns = columns.with_further(Columns(signature * bends, spread, family - 1))
+    return columns

@@ -18,23 +18,22 @@ from ..detection.regions import Regions
 from ..fitting.evidence import (
     LinearModel,
     change_of_prior_scale,
+    fitted_model,
     linear_models,
     log_mean,
 )
 from ..fitting.refit import Fit, linearise, refit
 from ..observations import Observations
 from ..settings import (
-    EXACT_BASE_SPREAD,
     EXPLAINED_BY_SET,
     EXTRA_DISCREPANCY_PART,
-    FORM_ALLOWANCES,
     LEAST_SQUARE_PART,
     MISSED_PART,
     NO_ANSWER,
     SIZE_SPREADS,
 )
 from ..system import Array
-from .discrepancy import Discrepancy, allowance_columns, base_discrepancy
+from .discrepancy import Columns, Discrepancy, allowed_columns, base_discrepancy
 from .prediction import Prediction
 
 
@@ -114,7 +113,7 @@ class Explanation:
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
         observed = self.fit.observed
-        bends_begin = theta_count + len(observed.channels) * len(observed.smooth[1])
+        bends_begin = theta_count + len(observed.channels) * len(observed.smooth.powers)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
@@ -148,7 +147,7 @@ class Explanation:
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowance_columns(at_points, fit.observed)
+            columns = allowed_columns(at_points, fit.observed, 1.0).columns
         # The prediction is of the machine: errors of meters are no part of it.
         columns = columns.copy()
         columns[..., fit.hypothesis.shared] = 0.0
@@ -180,69 +179,31 @@ def explain_by_base(base: Fit) -> Explanation:
 def explain(fit: Fit) -> Explanation:
     """Return the explanation of a refitted set of effects, with its allowances.
 
-    Its evidence is the mean over the prior scales of the sizes, of the form allowance, and over an
-    inexact and an exact base model.
+    Its evidence is the mean over the prior scales of the sizes.
     """
     observed = fit.observed
     sizes = fit.hypothesis.size_indices
     signs = fit.hypothesis.signs
     widest = np.full(len(sizes), max(SIZE_SPREADS))
-    columns = allowance_columns(fit, observed)
-    spreads = _allowance_spreads(fit, columns.shape[-1], widest)
+    allowed = allowed_columns(fit, observed, widest)
     # The moment prior enters with the scale of the sizes, below.
-    no_signs = np.full(columns.shape[-1], np.nan)
-    candidates = linear_models(observed, columns, fit.target, spreads, no_signs)
-    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
-    rows = []
-    for candidate in candidates:
-        change = change_of_prior_scale(
-            candidate.mean[sizes],
-            candidate.covariance[np.ix_(sizes, sizes)],
-            widest,
-            scales,
-            signs[sizes],
-        )
-        rows.append(candidate.log_evidence + change)
-    log_evidence = np.array(rows)
-    best_allowance, best_scale = np.unravel_index(
-        int(log_evidence.argmax()), log_evidence.shape
+    model = fitted_model(
+        observed, allowed.columns, fit.target, allowed.spread, allowed.group
     )
-    plain_spread = fit.hypothesis.spread(scales[best_scale])
+    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
+    change = change_of_prior_scale(
+        model.mean[sizes],
+        model.covariance[np.ix_(sizes, sizes)],
+        widest,
+        scales,
+        signs[sizes],
+    )
+    plain_spread = fit.hypothesis.spread(scales[change.argmax()])
     (plain_model,) = linear_models(
         observed, fit.jacobian, fit.target, plain_spread[None], signs
     )
-    return Explanation(
-        fit,
-        candidates[best_allowance],
-        plain_model,
-        float(log_mean(log_evidence.ravel())),
-    )
-
-
-def _allowance_spreads(fit: Fit, columns: int, sizes: Array) -> Array:
-    """Return prior standard deviations of all coefficients for each pair of allowances.
-
-    Args:
-        fit: a refit with effects.
-        columns: number of columns of `allowance_columns`.
-        sizes: prior standard deviations of the sizes, in typical sizes, shape (effects,).
-
-    Returns:
-        Shape (form allowances x 2, columns).
-    """
-    _, inexact_base = base_discrepancy(fit.observed)
-    exact_base = np.full(len(inexact_base), EXACT_BASE_SPREAD)
-    of_theta = fit.hypothesis.spread(sizes)
-    bends = columns - len(of_theta) - len(inexact_base)
-    axes = len(fit.observed.coordinates)
-    # All bends of a form together have the variance of the allowance, once along each axis.
-    one_bend = np.sqrt(axes * len(sizes) / max(bends, 1))
-    spreads = []
-    for allowance in FORM_ALLOWANCES:
-        of_bends = allowance * np.full(bends, one_bend)
-        for of_base in (inexact_base, exact_base):
-            spreads.append(np.concatenate([of_theta, of_base, of_bends]))
-    return np.stack(spreads)
+    log_evidence = model.log_evidence + float(log_mean(change))
+    return Explanation(fit, model, plain_model, log_evidence)
 
 
 def explain_exactly(fit: Fit) -> Explanation:
@@ -253,53 +214,44 @@ def explain_exactly(fit: Fit) -> Explanation:
 # --- discrepancies --------------------------------------------------------------------------
 
 
-def with_discrepancy(
-    explanation: Explanation, discrepancy: Discrepancy, spreads: Sequence[Array]
+def with_smooth_discrepancy(
+    explanation: Explanation, discrepancy: Discrepancy, scales: Sequence[float]
 ) -> Explanation:
-    """Return an explanation extended by a discrepancy, averaged over its priors.
+    """Return an explanation extended by a smooth discrepancy of fitted amplitudes.
 
     Args:
         explanation: to extend.
         discrepancy: the addition.
-        spreads: prior standard deviations of its coefficients, shape (m,) each.
+        scales: prior median in each of its channels.
     """
-    models = _extended(explanation.model, explanation, discrepancy, spreads)
-    plain_models = _extended(explanation.plain_model, explanation, discrepancy, spreads)
-    log_evidence = [model.log_evidence for model in models]
-    best = int(np.argmax(log_evidence))
-    return Explanation(
-        explanation.fit,
-        models[best],
-        plain_models[best],
-        float(log_mean(log_evidence)),
-        discrepancy,
-    )
-
-
-def _extended(
-    model: LinearModel,
-    explanation: Explanation,
-    discrepancy: Discrepancy,
-    spreads: Sequence[Array],
-) -> list[LinearModel]:
-    """Return a linear model of an explanation with a discrepancy, under each prior."""
     observed = explanation.fit.observed
-    further = discrepancy.columns(observed)
-    no_signs = np.full(further.shape[-1], np.nan)
-    rows = [np.append(model.spread, spread) for spread in spreads]
-    return linear_models(
-        observed,
-        np.concatenate([model.columns, further], axis=-1),
-        model.target,
-        np.stack(rows),
-        np.append(model.signs, no_signs),
-    )
+    spread, group = discrepancy.prior(scales)
+    further = Columns(discrepancy.columns(observed), spread, group)
+    extended = []
+    for model in (explanation.model, explanation.plain_model):
+        ungrouped = np.full(len(model.spread), -1)
+        known = Columns(
+            model.columns,
+            model.spread if model.prior_spread is None else model.prior_spread,
+            ungrouped if model.group is None else model.group,
+        )
+        columns, prior_spread, groups = known.with_further(further)
+        extended.append(
+            fitted_model(observed, columns, model.target, prior_spread, groups)
+        )
+    # What the prior of the sizes changes, it changes here too.
+    of_sizes = explanation.log_evidence - explanation.model.log_evidence
+    log_evidence = extended[0].log_evidence + of_sizes
+    model, plain_model = extended
+    return Explanation(explanation.fit, model, plain_model, log_evidence, discrepancy)
 
 
 def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
     """Return the explanation of a base model that is a little off and nothing else."""
-    discrepancy, spread = base_discrepancy(base_only.fit.observed)
-    return with_discrepancy(base_only, discrepancy, [spread])
+    observed = base_only.fit.observed
+    discrepancy, _, _ = base_discrepancy(observed)
+    scales = [channel.misfit_spread for channel in observed.channels]
+    return with_smooth_discrepancy(base_only, discrepancy, scales)
 
 
 def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
@@ -307,10 +259,66 @@ def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
     observed = explanation.fit.observed
     extended = []
     for i, channel in enumerate(observed.channels):
+        scale = float(np.median(channel.field_spreads))
         discrepancy = Discrepancy(observed, (i,))
-        spreads = [discrepancy.spread(scale) for scale in channel.field_spreads]
-        extended.append(with_discrepancy(explanation, discrepancy, spreads))
+        extended.append(with_smooth_discrepancy(explanation, discrepancy, [scale]))
     return extended
+
+
+def with_box(
+    explanation: Explanation, discrepancy: Discrepancy, scales: Sequence[float]
+) -> Explanation:
+    """Return an explanation extended by a discrepancy inside a box, averaged over its priors.
+
+    Args:
+        explanation: to extend.
+        discrepancy: the addition.
+        scales: prior standard deviations of the step, equally likely.
+    """
+    models = _stepped(explanation.model, explanation, discrepancy, scales)
+    plain_models = _stepped(explanation.plain_model, explanation, discrepancy, scales)
+    gains = [model.log_evidence for model in models]
+    best = int(np.argmax(gains))
+    of_sizes = explanation.log_evidence - _at_fitted_amplitudes(explanation)
+    return Explanation(
+        explanation.fit,
+        models[best],
+        plain_models[best],
+        float(log_mean(gains)) + of_sizes,
+        discrepancy,
+    )
+
+
+def _at_fitted_amplitudes(explanation: Explanation) -> float:
+    """Return the log evidence of the model of an explanation, its amplitudes held."""
+    model = explanation.model
+    (held,) = linear_models(
+        explanation.fit.observed,
+        model.columns,
+        model.target,
+        model.spread[None],
+        model.signs,
+    )
+    return held.log_evidence
+
+
+def _stepped(
+    model: LinearModel,
+    explanation: Explanation,
+    discrepancy: Discrepancy,
+    scales: Sequence[float],
+) -> list[LinearModel]:
+    """Return a linear model of an explanation with a step, under each prior of the step."""
+    observed = explanation.fit.observed
+    further = discrepancy.columns(observed)
+    rows = [np.append(model.spread, scale) for scale in scales]
+    return linear_models(
+        observed,
+        np.concatenate([model.columns, further], axis=-1),
+        model.target,
+        np.stack(rows),
+        np.append(model.signs, np.nan),
+    )
 
 
 def boxed_discrepancies(explanation: Explanation, boxes: Regions) -> list[Explanation]:
@@ -332,10 +340,10 @@ def boxed_discrepancies(explanation: Explanation, boxes: Regions) -> list[Explan
     best_channel, best_box = divmod(int(np.argmax(gains)), len(boxes))
     limits = _open_at_the_edge(boxes.low[best_box], boxes.high[best_box], observed)
     channel = observed.channels[best_channel]
-    best = with_discrepancy(
+    best = with_box(
         explanation,
         Discrepancy(observed, (best_channel,), limits),
-        [np.array([scale]) for scale in channel.step_spreads],
+        channel.step_spreads,
     )
     mean_against_best = float(log_mean(np.ravel(gains)) - np.max(gains))
     return [replace(best, log_evidence=best.log_evidence + mean_against_best)]
