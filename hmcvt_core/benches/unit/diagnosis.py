@@ -16,6 +16,7 @@ from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
+from .change import UnitChange, diagnose_change
 from .system import (
     FRICTION,
     LARGEST_GAIN,
@@ -142,8 +143,10 @@ class UnitDiagnosis:
         lines = [self.diagnosis.report()]
         if self.same is not None:
             lines.append(f"deals      the same set leads in {self.same} of {DEALS}")
-        channels = self.model.system.channels
-        for (name, row), channel in zip(self.rmse.items(), channels, strict=True):
+        rmse = self.rmse
+        for channel in self.model.system.channels:
+            name = channel.name.removesuffix("_loss")
+            row = rmse[name]
             lines.append(f"{name:10} {_errors_in_words(row, channel)}")
         errors = self.standard_errors
         for name, value in self.model.parameters.items():
@@ -190,8 +193,9 @@ def diagnose_unit(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
     validation: UnitSamples | None = None,
-) -> UnitDiagnosis:
-    """Diagnose the gap between the loss terms of the paper and a unit.
+    baseline: UnitSamples | None = None,
+) -> UnitDiagnosis | UnitChange:
+    """Diagnose the gap between the loss terms of the paper and a unit, or a change of it.
 
     A set of causes is named only where it leads in three quarters of the deals too. While the
     displacement stated is in doubt, no other cause is named.
@@ -203,14 +207,20 @@ def diagnose_unit(
         seed: of every random number.
         progress: as of `diagnose_system`.
         validation: former name of `holdout`.
+        baseline: the same unit when it was sound, which is held: then only what has changed since
+            is diagnosed, and the result is a `UnitChange`.
 
     Raises:
-        InputError: as `diagnose_system`, or the holdout is of another unit.
+        InputError: as `diagnose_system` and `diagnose_change`, or the holdout is of another unit.
     """
     if holdout is not None and validation is not None:
         raise InputError("holdout and validation are one argument: give holdout")
     if holdout is None:
         holdout = validation
+    if baseline is not None:
+        return diagnose_change(
+            samples, baseline, holdout, seed=seed, progress=progress
+        )
     if holdout is not None:
         _check_holdout(holdout, samples)
     doubt = _displacement_doubt(samples)
@@ -219,6 +229,11 @@ def diagnose_unit(
     samples, notes = _with_torque(samples)
     if holdout is not None:
         holdout, _ = _with_torque(holdout)
+    if samples.flow_loss is None:
+        raise InputError(
+            f"{samples.source}: no flow is read; a drain flow alone is compared with a "
+            "baseline only"
+        )
     system = HydrostaticUnit(samples)
     observed = observe_unit(system, samples)
     diagnosis = diagnose_system(
@@ -265,6 +280,8 @@ def _check_holdout(holdout: UnitSamples, samples: UnitSamples) -> None:
 
 def _with_torque(samples: UnitSamples) -> tuple[UnitSamples, list[str]]:
     """Leave out samples at pressures too low for a mechanical efficiency to give a torque."""
+    if samples.torque_loss is None:
+        return samples, []
     enough = samples.pressure >= TELLING
     low = int(np.sum(~enough))
     notes = []
@@ -307,11 +324,15 @@ def _with_doubt(diagnosis: Diagnosis, doubt: str | None) -> Diagnosis:
 
 def _paper_terms(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
     """Fit leakage and damping by weighted least squares."""
-    weight = samples.deviation**-2.0
-    flow_loss, torque_loss = samples.losses
     _, ideal_torque = samples.ideal
-    leakage = _slope(samples.pressure, flow_loss, weight[0])
-    damping = _slope(samples.speed, torque_loss - FRICTION * ideal_torque, weight[1])
+    leakage = damping = 0.0
+    if samples.flow_loss is not None:
+        weight = samples.deviation_of("flow_loss") ** -2.0
+        leakage = _slope(samples.pressure, samples.flow_loss, weight)
+    if samples.torque_loss is not None:
+        weight = samples.deviation_of("torque_loss") ** -2.0
+        rubbed = samples.torque_loss - FRICTION * ideal_torque
+        damping = _slope(samples.speed, rubbed, weight)
     base = np.array(
         [
             np.log10(leakage / system.size + 1e-16),
@@ -360,9 +381,11 @@ def _displacement_doubt(samples: UnitSamples) -> str | None:
 
     A displacement stated too large makes it so; errors of a class A torque meter are allowed for.
     """
+    if samples.torque_loss is None:
+        return None
     high = samples.select(samples.pressure > HIGH_PRESSURE * samples.pressure.max())
     _, ideal_torque = high.ideal
-    lost = np.sort(high.torque_loss / ideal_torque)[:FEWEST_AT_HIGH_PRESSURE]
+    lost = np.sort(np.asarray(high.torque_loss) / ideal_torque)[:FEWEST_AT_HIGH_PRESSURE]
     if lost.mean() >= FRICTION - LARGEST_GAIN * METER_GAIN:
         return None
     return (

@@ -24,6 +24,7 @@ OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
 _OF_ANY_SIZE = (
     "-",
     "1/GPa",
+    "K",
 )  # units of sizes that are the same in small pumps and in large ones
 
 
@@ -167,6 +168,7 @@ class Effect:
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
+        change_only: whether it is a candidate against the baseline of a sound machine only.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
@@ -179,6 +181,7 @@ class Effect:
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
     unit_only: ClassVar[bool] = False
+    change_only: ClassVar[bool] = False
 
     part: str = field(default="", kw_only=True)
 
