@@ -124,11 +124,16 @@ class SoundMachine(Protocol):
 class Change:
     """A sound machine as a `System`; see `hmcvt_core.diagnosis.system`.
 
+    Attributes:
+        identified: number of base parameters that are to be identified: none.
+
     Args:
         machine: held.
         library: its effects that are different curves; all of them if None.
         meters: errors of the meters, in those of one meter between two campaigns.
     """
+
+    identified = 0
 
     def __init__(
         self,

@@ -101,6 +101,18 @@ POWER_GAIN = 0.005
 
 A motor loses some percent of its losses less when cold; meter of class 0.5 (IEC 62053).
 """
+VISCOUS_TERM = {
+    "flow_loss": 0,
+    "torque_loss": 1,
+    "drain_flow": 0,
+    "electric_power": 1,
+}
+"""Index of the term of each channel that follows the viscosity."""
+VISCOSITY_DEVIATION = 0.5
+"""Standard deviation of the power of viscosity by which a laminar term changes beyond the baseline.
+
+Leakage follows viscosity with a power between -1 in gaps and 0 in orifices.
+"""
 CONSTANT_POWER = 500.0
 """Prior deviation of a power that an electric motor takes at no load [W]; assumed."""
 VARIED_PART = 0.15
@@ -175,9 +187,29 @@ class SoundUnit:
         for channel, remainder in zip(self.channels, self.remainders, strict=True):
             columns, _, _ = _terms(self.unit, channel.name, within)
             mean, covariance = remainder.predict(_stacked(within), columns)
+            unknown = self._unknown_viscosity(channel.name, within)
             means.append(mean)
-            covariances.append(covariance)
+            covariances.append(covariance + np.outer(unknown, unknown))
         return np.stack(means), np.stack(covariances)
+
+    def _unknown_viscosity(self, channel: str, points: Points) -> Array:
+        """Return one deviation of a channel by oil beyond the temperatures of the baseline, (n,).
+
+        Args:
+            channel: name.
+            points: operating points.
+        """
+        known = self.samples.oil_temperature
+        if known is None or OIL_TEMPERATURE.name not in points:
+            return np.zeros_like(points[SPEED.name])
+        temperature = points[OIL_TEMPERATURE.name]
+        nearest = {
+            **points,
+            OIL_TEMPERATURE.name: temperature.clip(known.min(), known.max()),
+        }
+        beyond = np.log(_viscosity(points) / _viscosity(nearest))
+        state = shaft_state(self.unit, points, _viscosity(points))
+        return VISCOSITY_DEVIATION * self._laminar(channel, state) * beyond
 
     def drift_at(self, points: Points, deviation: Array) -> Array:
         """Return the covariance of errors that readings in succession share."""
@@ -210,9 +242,10 @@ class SoundUnit:
             (getattr(effect, f"{self.unit.kind}_drag")(state) for effect in effects),
             0.0,
         )
-        flow = flow + self._laminar("flow_loss", 0, state) * (1.0 / thin - 1.0)
-        drag = drag + self._laminar("torque_loss", 1, state) * (thin - 1.0)
-        drain = flow + self._laminar("drain_flow", 0, state) * (1.0 / thin - 1.0)
+        thinner = 1.0 / thin - 1.0
+        drain = flow + self._laminar("drain_flow", state) * thinner
+        flow = flow + self._laminar("flow_loss", state) * thinner
+        drag = drag + self._laminar("torque_loss", state) * (thin - 1.0)
         shaft_power = drag * points[SPEED.name]
         rows = {
             "flow_loss": flow,
@@ -223,18 +256,18 @@ class SoundUnit:
         zero = np.zeros(len(points[SPEED.name]))
         return np.stack([zero + rows[channel.name] for channel in self.channels])
 
-    def _laminar(self, name: str, index: int, state: ShaftState) -> Array:
+    def _laminar(self, name: str, state: ShaftState) -> Array:
         """Return the part of a sound channel that follows the viscosity, shape (n,).
 
         Args:
             name: of the channel.
-            index: of its viscous term.
             state: operating points, at the viscosity of the baseline.
         """
         names = [channel.name for channel in self.channels]
         if name not in names:
             return np.zeros_like(state.pressure)
         remainder = self.remainders[names.index(name)]
+        index = VISCOUS_TERM[name]
         # The remainder may hold a part that the baseline could not attribute, at one temperature.
         columns = _term_columns(self.unit, name, state)
         return np.asarray(columns[:, index] * remainder.coefficients[index])
@@ -341,7 +374,9 @@ def fit_sound_unit(
     """
     unit = HydrostaticUnit(samples)
     described = tuple(
-        channel for channel in unit_channels(samples) if channel.name in channels
+        replace(channel, misfit_spread=channel.misfit_spread / CLASS_TO_DRIFT)
+        for channel in unit_channels(samples)
+        if channel.name in channels
     )
     points = points_of(samples)
     remainders = []
@@ -353,7 +388,7 @@ def fit_sound_unit(
             spread=spread,
             values=np.asarray(getattr(samples, channel.name)),
             noise=samples.deviation_of(channel.name),
-            smooth_deviation=channel.misfit_spread,
+            smooth_deviation=CLASS_TO_DRIFT * channel.misfit_spread,
             nonnegative=nonnegative,
             least_width=_least_widths(points),
             order=np.arange(float(len(samples))),
