@@ -38,6 +38,9 @@ EFFICIENCY_COLOURS = "viridis"
 GAP_COLOURS = ("#e08a4e", "#f3c9a8", "#ffffff", "#aecbe4", "#5a97c9")
 """Colours of an estimated gap, from bench below model over none to bench above model."""
 
+DEVIATION_COLOURS = ("#ffffff", "#e6e0ee", "#b9abd0", "#8f7cb0")
+"""Colours of a standard deviation, from none to the largest; even in grey."""
+
 # Fill and hatch of every loss, in the order of the stack.
 LOSSES: Mapping[str, tuple[str, str]] = {
     "gear pairs": ("#3d444c", ""),

@@ -143,8 +143,7 @@ class ShrinkageSummary:
 
     Attributes:
         before: root of the mean squared error above noise of the base model; 0 where it is below
-            the noise, but by cross-validation at least the model-averaged gap (`gap_at`), weighted
-            by the noise fraction.
+            the noise, but by cross-validation at least the gap that all explanations expect.
         after: the same with the effects added.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
