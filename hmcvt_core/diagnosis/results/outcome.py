@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..design.advice import Advice, NextTest
+from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import Observations
 from ..selection.posterior import Posterior
 from ..settings import UNEXPLAINED_PROBABILITY
@@ -183,6 +184,7 @@ class Outcome:
         verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
         causes: effects that may be present, those of the leading set first.
         sets: sets of effects, most probable first.
+        classes: effects that no test distinguishes, most probable class first.
         shrinkage: how far the gap shrinks with the leading set.
         delivered: errors of the models before and after.
         next_tests: tests and measurements that distinguish what is still open.
@@ -211,6 +213,7 @@ class Outcome:
     verdict: str
     causes: tuple[Cause, ...]
     sets: tuple[CauseSet, ...]
+    classes: tuple[EffectClass, ...]
     shrinkage: ShrinkageSummary
     delivered: Delivered
     next_tests: tuple[NextTest, ...]
@@ -297,6 +300,12 @@ class Outcome:
         mean, deviation = self.posterior.gap_at(points)
         shape = rows[0].shape
         return mean.reshape(shape), deviation.reshape(shape)
+
+    @property
+    def class_sets(self) -> tuple[ClassSet, ...]:
+        """`sets` merged where they differ only by members of a class, most probable first."""
+        probabilities = {item.effects: item.probability for item in self.sets}
+        return merge_sets(probabilities, self.classes)
 
     @property
     def merely_off(self) -> bool:
