@@ -99,7 +99,7 @@ def _added_effects(diagnosis: Diagnosis) -> str:
         return ""
     leading = diagnosis.sets[0]
     words = f" with {' and '.join(leading.effects)}"
-    alone = len(diagnosis.class_sets[0].sets) == 1
+    alone = len(diagnosis.twins_of(leading.effects)) == 1
     if diagnosis.verdict != "cause_found" or not alone:
         words += f" ({100 * leading.probability:.0f} %, not certain)"
     return words

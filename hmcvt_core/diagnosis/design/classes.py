@@ -16,7 +16,7 @@ part of the square of d_a. The second condition matters for effects too small to
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -140,21 +140,28 @@ def with_probabilities(sets: Sequence[ClassSet], form: str) -> list[str]:
 
 
 def merge_sets(
-    probabilities: Mapping[Names, float], classes: Sequence[EffectClass]
+    sets: Iterable[tuple[Names, float]], classes: Sequence[EffectClass]
 ) -> tuple[ClassSet, ...]:
     """Return sets merged where they differ only by members of a class, most probable first.
 
     Args:
-        probabilities: of each set, most probable first.
+        sets: names and probability of each set, most probable first.
         classes: of the effects.
     """
+    alone = []
     merged: dict[tuple[Names, ...], ClassSet] = {}
-    for names, p in probabilities.items():
+    for names, p in sets:
         alternatives = {_alternatives(name, names, classes) for name in names}
         key = tuple(sorted(alternatives))
+        if all(len(members) == 1 for members in key):
+            alone.append(ClassSet(key, p, (names,)))
+            continue
         before = merged.get(key, ClassSet(key, 0.0, ()))
         merged[key] = ClassSet(key, before.probability + p, (*before.sets, names))
-    return tuple(sorted(merged.values(), key=lambda item: -item.probability))
+    if not merged:
+        return tuple(alone)
+    both = [*alone, *merged.values()]
+    return tuple(sorted(both, key=lambda item: -item.probability))
 
 
 def _alternatives(name: str, names: Names, classes: Sequence[EffectClass]) -> Names:
@@ -208,11 +215,11 @@ def find_classes(posterior: Posterior) -> tuple[EffectClass, ...]:
 
 def _fitted_forms(posterior: Posterior) -> list[_Fitted]:
     """Return the forms in the probable sets, most probable first."""
-    forms: dict[tuple[str, str], _Fitted] = {}
+    forms: dict[tuple[str, str, bool], _Fitted] = {}
     for names, (explanation, p) in posterior.sets.items():
         fit = explanation.fit
         for effect, size in zip(fit.effects, fit.sizes.tolist(), strict=True):
-            form = (effect.name, effect.form)
+            form = (effect.name, effect.form, size < 0.0)
             before = forms.get(form, _Fitted(effect, size, 0.0, ()))
             forms[form] = replace(
                 before,
@@ -251,7 +258,7 @@ def _connected(fitted: Sequence[_Fitted], tests: Fit) -> list[list[_Fitted]]:
                 continue
             if ways is None:
                 ways = _changes(tests, [imitator.effect, *forms_of(imitator.effect)])
-            if _imitates(changes[i], ways, imitator.effect):
+            if _imitates(changes[i], ways, imitator):
                 joined = group_of[j]
                 group_of = [group_of[i] if g == joined else g for g in group_of]
     groups: dict[int, list[_Fitted]] = {}
@@ -266,18 +273,23 @@ def _changes(tests: Fit, forms: Sequence[Effect]) -> Array:
     return tests.project_out(signatures / np.sqrt(tests.noise)[:, None])
 
 
-def _imitates(change: Array, ways: Array, effect: Effect) -> bool:
-    """Whether an effect reproduces the change by another one.
+def _imitates(change: Array, ways: Array, imitator: _Fitted) -> bool:
+    """Whether an effect, with the sign it is fitted with, reproduces the change by another one.
 
     Args:
         change: by the other effect at its fitted size, shape (m,).
         ways: changes by one typical size of the effect in different shapes, shape (k, m).
-        effect: gives the limits of the size.
+        imitator: the effect.
     """
-    size = effect.sizes()[0]
+    size = imitator.effect.sizes()[0]
+    low = size.low / size.typical
+    high = size.high / size.typical
+    if imitator.size < 0.0:
+        high = 0.0
+    else:
+        low = max(low, 0.0)
     squares = np.maximum(np.sum(ways**2, axis=1), np.finfo(float).tiny)
-    best = ways @ change / squares
-    within = best.clip(size.low / size.typical, size.high / size.typical)
+    within = (ways @ change / squares).clip(low, high)
     left = np.sum((change - within[:, None] * ways) ** 2, axis=1).min()
     limit = min(DECISIVE_SQUARED_DEVIATIONS, CLASS_PART * np.sum(change**2))
     return bool(left < limit)

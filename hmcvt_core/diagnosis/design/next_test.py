@@ -153,8 +153,8 @@ def with_twins(
             listed[item.label.effects] = item
         else:
             merged.append(item)
-    probabilities = {names: item.probability for names, item in listed.items()}
-    for class_set in merge_sets(probabilities, classes):
+    sets = [(names, item.probability) for names, item in listed.items()]
+    for class_set in merge_sets(sets, classes):
         first, *others = (listed[names] for names in class_set.sets)
         merged.append(
             replace(first, probability=class_set.probability, twins=tuple(others))

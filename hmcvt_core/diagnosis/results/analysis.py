@@ -54,8 +54,8 @@ class Analysis:
     def leading_class_set(self) -> ClassSet:
         """The most probable set, and those that no test distinguishes from it."""
         leading, _ = self.leading
-        probabilities = {names: p for names, (_, p) in self.posterior.sets.items()}
-        for item in merge_sets(probabilities, self.classes):
+        sets = [(names, p) for names, (_, p) in self.posterior.sets.items()]
+        for item in merge_sets(sets, self.classes):
             if leading.names in item.sets:
                 return item
         raise KeyError(leading.names)

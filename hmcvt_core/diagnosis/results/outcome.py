@@ -304,8 +304,15 @@ class Outcome:
     @property
     def class_sets(self) -> tuple[ClassSet, ...]:
         """`sets` merged where they differ only by members of a class, most probable first."""
-        probabilities = {item.effects: item.probability for item in self.sets}
-        return merge_sets(probabilities, self.classes)
+        sets = [(item.effects, item.probability) for item in self.sets]
+        return merge_sets(sets, self.classes)
+
+    def twins_of(self, effects: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the sets that no test distinguishes from one of `sets`, itself included."""
+        for item in self.class_sets:
+            if effects in item.sets:
+                return item.sets
+        raise KeyError(effects)
 
     @property
     def merely_off(self) -> bool:
