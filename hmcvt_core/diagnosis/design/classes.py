@@ -92,7 +92,8 @@ class ClassSet:
     """Sets of effects that differ only by members of a class.
 
     Attributes:
-        alternatives: for each effect of a set the members of its class, or its name alone.
+        alternatives: for each effect of a set the members of its class, or its name alone; none
+            for an unlisted loss.
         probability: of all the sets together.
         sets: names of these sets, most probable first.
     """
@@ -120,7 +121,7 @@ class ClassSet:
             parts.append(part)
         # The class follows what it is added to.
         parts.sort(key=lambda part: part == "one of them")
-        return " + ".join(parts)
+        return " + ".join(parts) or "something unlisted"
 
 
 def with_probabilities(sets: Sequence[ClassSet], form: str) -> list[str]:

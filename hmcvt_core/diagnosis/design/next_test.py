@@ -87,6 +87,7 @@ def advise(
         candidates=tuple((item.label.effects, item.probability) for item in explaining),
         no_gap=no_gap.probability,
         axes=base.observed.steered,
+        classes=tuple(classes),
     )
     if no_gap.probability >= SETTLED_PROBABILITY:
         return replace(advice, reason=NO_GAP_WORTH_A_TEST)

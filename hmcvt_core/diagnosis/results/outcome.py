@@ -307,6 +307,13 @@ class Outcome:
         sets = [(item.effects, item.probability) for item in self.sets]
         return merge_sets(sets, self.classes)
 
+    def class_of(self, cause: Cause) -> EffectClass | None:
+        """Return the class of a cause, if tests do not distinguish it from others."""
+        for item in self.classes:
+            if (cause.effect, cause.form) in zip(item.members, item.forms, strict=True):
+                return item
+        return None
+
     def twins_of(self, effects: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
         """Return the sets that no test distinguishes from one of `sets`, itself included."""
         for item in self.class_sets:

@@ -49,10 +49,11 @@ def mechanic(outcome: Outcome) -> str:
         cost = "a meter, not a loss"
     statement = f"{_suspects(outcome)}, {cost}"
     remedies = outcome.advice.measure or outcome.named.remedy
-    remedy = remedies.split(";")[0]
-    with_remedy = f"{statement}: {remedy}."
-    if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
-        return with_remedy
+    first_remedy = remedies.split("; or ")[0]
+    for remedy in (first_remedy, first_remedy.split(";")[0]):
+        with_remedy = f"{statement}: {remedy}."
+        if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
+            return with_remedy
     return f"{statement}."
 
 
