@@ -176,7 +176,7 @@ def _alternatives(name: str, names: Names, classes: Sequence[EffectClass]) -> Na
 # --- which effects form a class -------------------------------------------------------------
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Fitted:
     """A form of an effect, as fitted in the most probable set that contains it.
 
@@ -250,18 +250,17 @@ def _every_test(base: Fit) -> Fit | None:
 
 def _connected(fitted: Sequence[_Fitted], tests: Fit) -> list[list[_Fitted]]:
     """Return groups of forms that are connected by imitation, each most probable first."""
-    changes = [_changes(tests, [item.effect])[0] * item.size for item in fitted]
+    changes: list[Array] = []
     group_of = list(range(len(fitted)))
     for j, imitator in enumerate(fitted):
-        ways = None
-        for i in range(j):
-            if group_of[i] == group_of[j]:
-                continue
-            if ways is None:
-                ways = _changes(tests, [imitator.effect, *forms_of(imitator.effect)])
-            if _imitates(changes[i], ways, imitator):
+        effect = imitator.effect
+        ways = _changes(tests, [effect, *forms_of(effect)])
+        for i, change in enumerate(changes):
+            if _imitates(change, ways, imitator):
                 joined = group_of[j]
-                group_of = [group_of[i] if g == joined else g for g in group_of]
+                kept = group_of[i]
+                group_of = [kept if group == joined else group for group in group_of]
+        changes.append(imitator.size * ways[0])
     groups: dict[int, list[_Fitted]] = {}
     for item, group in zip(fitted, group_of, strict=True):
         groups.setdefault(group, []).append(item)
