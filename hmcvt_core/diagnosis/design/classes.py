@@ -152,11 +152,11 @@ def merge_sets(
     alone = []
     merged: dict[tuple[Names, ...], ClassSet] = {}
     for names, p in sets:
-        alternatives = {_alternatives(name, names, classes) for name in names}
-        key = tuple(sorted(alternatives))
-        if all(len(members) == 1 for members in key):
-            alone.append(ClassSet(key, p, (names,)))
+        alternatives = [_alternatives(name, names, classes) for name in names]
+        if all(len(members) == 1 for members in alternatives):
+            alone.append(ClassSet(tuple(alternatives), p, (names,)))
             continue
+        key = tuple(sorted(set(alternatives)))
         before = merged.get(key, ClassSet(key, 0.0, ()))
         merged[key] = ClassSet(key, before.probability + p, (*before.sets, names))
     if not merged:
