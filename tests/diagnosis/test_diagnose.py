@@ -238,6 +238,7 @@ def test_json_of_the_contract(name):
         "causes",
         "shrinkage",
         "sets",
+        "classes",
         "delivered",
         "advice",
         "next_tests",
@@ -308,6 +309,18 @@ def test_json_of_the_contract(name):
     assert sum(order) + data["unlisted_probability"] <= 1.0 + 1e-9
     if causes:
         assert causes[0]["effect"] in sets[0]["effects"]
+    for item in data["classes"]:
+        assert item.keys() == {
+            "members",
+            "forms",
+            "components",
+            "remedies",
+            "component",
+            "probability",
+            "sets",
+            "sentence",
+        }
+        assert len(item["members"]) > 1
     assert data["delivered"].keys() == {"rmse_before", "rmse_after"}
     advice = data["advice"]
     assert advice.keys() == {

@@ -30,6 +30,7 @@ PAGES = (
     "no_gap",
     "cause_found",
     "ambiguous",
+    "class",
     "pair",
     "unexplained",
     "holdout",
@@ -44,8 +45,10 @@ HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
 
 @functools.cache
 def diagnosis(name: str) -> Diagnosis:
-    if name == "ambiguous":
+    if name == "class":
         return hmcvt.diagnose(BASE, campaign((ChargePump(6.0),), n=48), noise=NOISE)
+    if name == "ambiguous":
+        return replace(diagnosis("class"), verdict="ambiguous", classes=())
     found = diagnosis("ambiguous")
     first, second, *others = found.causes
     clear = replace(first, indistinguishable_from=())

@@ -28,6 +28,7 @@ class Diagnosis(Outcome):
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
             "sets": [_fields(item) for item in self.sets],
+            "classes": [item.to_dict() for item in self.classes],
             "unlisted_probability": self.unlisted,
             "shrinkage": _fields(self.shrinkage),
             "delivered": _fields(self.delivered),
