@@ -1,0 +1,103 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Clutches and brakes that do not do what they are told: closed ones slip, open ones grip.
+
+The drag of open clutches that are free is `clutch_drag` in `mechanical`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .base import Array, Effect, ShaftState, Value, shape, size
+
+_SLIP_REVERSAL = 2.0  # rad/s, over which the friction of a gripping clutch turns round
+
+
+@dataclass(frozen=True)
+class ClutchSlip(Effect):
+    """slip = c (T - T_hold) above T_hold: a closed clutch at the output creeps under load.
+
+    Friction of wet clutches rises with sliding speed, so a clutch with too little pressure settles
+    at a slip instead of breaking away. It passes the torque of the output shaft; speed and power
+    are lost by the same part. In overrun the output runs ahead.
+    """
+
+    name = "clutch_slip"
+    component = "clutches"
+    summary = (
+        "a closed clutch slips under load: above a certain torque the output runs slower "
+        "than its gears"
+    )
+    source = (
+        "friction of wet clutches rises with sliding speed: Strobl et al. 2023, Forsch. "
+        "Ingenieurwes. 87, 541"
+    )
+    remedy = "measure the clutch pressure, and the speed before and behind the clutch"
+
+    slip: float = size(
+        "rad/(s N m)",
+        0.02,
+        0.0,
+        0.5,
+        "slip speed for each N m above the holding torque",
+    )
+    holding: float = shape(
+        "N m",
+        (60.0, 120.0, 240.0, 480.0, 960.0),
+        "torque of the output up to which the clutch holds",
+    )
+
+    def output_slip(self, torque: Array) -> Value:
+        return self.slip * np.maximum(torque - self.holding, 0.0)
+
+
+@dataclass(frozen=True)
+class BrakeDrag(Effect):
+    """T = T_grip against the output shaft at any speed: a brake that does not free."""
+
+    name = "brake_drag"
+    form = "brake at the output"
+    component = "clutches"
+    summary = (
+        "a brake at the output does not free: it takes the same torque at every speed, so "
+        "light loads lose most"
+    )
+    source = "residual torque of disk brakes: SAE 2015-01-2670"
+    remedy = "turn the output by hand, and check the zero of the output torque meter"
+
+    torque: float = size("N m", 10.0, 0.0, 200.0, "torque that the brake still grips")
+
+    def output_drag(self, state: ShaftState) -> Value:
+        return self._grip(state.output_speed)
+
+    def _grip(self, slip: Array) -> Array:
+        return np.asarray(self.torque * np.tanh(slip / _SLIP_REVERSAL))
+
+
+@dataclass(frozen=True)
+class GrippingClutch(BrakeDrag):
+    """T = T_grip sign(w_out - r w_engine) between output and a shaft that the engine turns."""
+
+    form = "clutch to the engine"
+    summary = (
+        "an open clutch does not free: it grips with the same torque at every slip between "
+        "the output and a shaft of the engine"
+    )
+    source = (
+        "a brake that does not free, against a shaft that turns with the engine; dry or "
+        "mixed friction"
+    )
+    remedy = "spin the output side alone with the clutches open"
+
+    torque: float = size("N m", 10.0, 0.0, 200.0, "torque that the clutch still grips")
+    speed_ratio: float = shape(
+        "-",
+        (-0.6, 0.4, 0.8, 1.2),
+        "output / engine speed at which the slip vanishes",
+    )
+
+    def output_drag(self, state: ShaftState) -> Value:
+        return self._grip(state.output_speed - self.speed_ratio * state.engine_speed)
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return -self.speed_ratio * self.output_drag(state)
