@@ -32,11 +32,14 @@ _SHORT_STEP = 0.5
 _ROLLING_SPEED = 2.0
 """Sun speed against the carrier over which the sense of the mesh loss turns round [rad/s]."""
 
-_SLIP_ROUNDS = 100
-"""Most rounds in which a slip and the torque that causes it are made to agree."""
+_SLIP_ROUNDS = 20
+"""Most steps of Newton in which a slip and the torque that causes it are made to agree."""
 
-_SLIP_TOLERANCE = 1e-10
-"""Relative change of the output speed at which they agree."""
+_SLIP_TOLERANCE = 1e-11
+"""Relative error of the output speed at which they agree."""
+
+_SLIP_DIFFERENCE = 1e-6
+"""Relative change of the output speed by which their slope is taken."""
 
 _HOOKS = (
     "true_load_power",
@@ -419,14 +422,19 @@ class Shafts(SteadyState):
             return geared_speed
         before = np.abs(geared_speed)
         behind = before
+        # More torque slips more, so that Newton's method comes nearer from one side.
         for _ in range(_SLIP_ROUNDS):
-            slower = before - self._slip(behind)
-            slower = np.where(slower >= 0.0, slower, np.nan)
-            settled = np.abs(slower - behind) <= _SLIP_TOLERANCE * before
-            behind = slower
-            if (settled | np.isnan(slower)).all():
+            slip = self._slip(behind)
+            surplus = behind + slip - before
+            is_off = np.abs(surplus) > _SLIP_TOLERANCE * before
+            if not is_off.any():
                 break
-        return np.asarray(np.sign(geared_speed) * np.where(settled, behind, np.nan))
+            change = self._slip(behind * (1.0 + _SLIP_DIFFERENCE)) - slip
+            slope = 1.0 + change / (_SLIP_DIFFERENCE * behind)
+            closer = np.where(slope > 0.0, behind - surplus / slope, np.nan)
+            closer = np.where(closer > 0.0, closer, np.nan)
+            behind = np.where(is_off, closer, behind)
+        return np.asarray(np.sign(geared_speed) * np.where(is_off, np.nan, behind))
 
     def _geared_speed(self, output_speed: Array) -> Array:
         """Return the speed before closed clutches."""

@@ -156,6 +156,15 @@ def shape(
     )
 
 
+def ramp(excess: Array, width: float) -> Array:
+    """Return max(excess, 0), rounded off within `width` on either side of zero.
+
+    A steady state is sought along slopes, which a corner misleads.
+    """
+    rounded = np.square(np.maximum(excess + width, 0.0)) / (4.0 * width)
+    return np.asarray(np.where(excess < width, rounded, excess))
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects: every hook says "no change".

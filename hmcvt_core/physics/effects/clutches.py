@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Array, Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, ramp, shape, size
 
 _SLIP_REVERSAL = 2.0  # rad/s, over which the friction of a gripping clutch turns round
+
+_BREAKAWAY = 0.1  # part of the holding torque within which a clutch begins to slip
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class ClutchSlip(Effect):
     )
 
     def output_slip(self, torque: Array) -> Value:
-        return self.slip * np.maximum(torque - self.holding, 0.0)
+        return self.slip * ramp(torque - self.holding, _BREAKAWAY * self.holding)
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class GrippingClutch(BrakeDrag):
     torque: float = size("N m", 10.0, 0.0, 200.0, "torque that the clutch still grips")
     speed_ratio: float = shape(
         "-",
-        (-0.6, 0.4, 0.8, 1.2),
+        (-0.6, 0.3, 0.6, 0.8, 1.0, 1.2, 1.5),
         "output / engine speed at which the slip vanishes",
     )
 

@@ -9,10 +9,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
+from .base import (
+    PRESSURE_REFERENCE,
+    Array,
+    Effect,
+    ShaftState,
+    Value,
+    ramp,
+    shape,
+    size,
+)
 
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
 _PRESSURE_REVERSAL = 5e5  # Pa, over which pump and motor change their parts
+_OPENING_WIDTH = 5e5  # Pa, within which a relief valve leaves its seat
+_FILLING_WIDTH = 5.0  # rad/s, within which cylinders cease to fill
 _ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
 _REFERENCE = 60.0  # deg C, viscosity ratio 1
@@ -128,7 +139,7 @@ class ReliefValve(Effect):
     )
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        above = np.maximum(np.abs(state.pressure) - 1e6 * self.opening, 0.0)
+        above = ramp(np.abs(state.pressure) - 1e6 * self.opening, _OPENING_WIDTH)
         return self.leak * np.sign(state.pressure) * above
 
 
@@ -184,7 +195,7 @@ class InletStarvation(Effect):
         return np.asarray(stroke ** (1.0 - self.stroke_exponent) * self._excess(demand))
 
     def _excess(self, speed: Array) -> Array:
-        return np.asarray(np.maximum(speed - self.full_speed, 0.0))
+        return ramp(speed - self.full_speed, _FILLING_WIDTH)
 
 
 @dataclass(frozen=True)
