@@ -54,7 +54,7 @@ STANDING = OperatingPoints(
 
 # By effect, the shape above which it acts; tests need not reach it.
 THRESHOLDS = {
-    "relief_valve": "opening",
+    "relief_valve": "cracking",
     "inlet_starvation": "full_speed",
     "clutch_slip": "holding",
     "fan_drive": "start",

@@ -114,10 +114,10 @@ class StrokeLeakage(Effect):
 
 @dataclass(frozen=True)
 class ReliefValve(Effect):
-    """q = c (|dp| - p_open) above p_open, none below: a relief valve that opens too early.
+    """q = c (|dp| - p_crack) above p_crack, none below: a relief valve that opens too early.
 
     Each line of a closed circuit has one, so the flow has the sense of the pressure, also in
-    overrun. Where no test exceeds the opening pressure, the effect is invisible.
+    overrun. Where no test exceeds the cracking pressure, the effect is invisible.
     """
 
     name = "relief_valve"
@@ -129,17 +129,15 @@ class ReliefValve(Effect):
     )
     remedy = "measure the flow in the return line of the valve at full load"
 
-    leak: float = size(
-        "m3/(s Pa)", 5e-11, 0.0, 1e-9, "flow for each Pa above the opening pressure"
-    )
-    opening: float = shape(
+    leak: float = size("m3/(s Pa)", 5e-11, 0.0, 1e-9, "flow for each Pa above cracking")
+    cracking: float = shape(
         "MPa",
         (4.0, 6.0, 9.0, 13.0, 19.0, 28.0, 42.0),
         "pressure at which the valve opens",
     )
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        above = ramp(np.abs(state.pressure) - 1e6 * self.opening, _OPENING_WIDTH)
+        above = ramp(np.abs(state.pressure) - 1e6 * self.cracking, _OPENING_WIDTH)
         return self.leak * np.sign(state.pressure) * above
 
 
