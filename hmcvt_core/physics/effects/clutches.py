@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Clutches and brakes that do not do what they are told: closed ones slip, open ones grip.
+"""Clutches and brakes at fault: closed ones that slip, and open ones that do not free.
 
 The drag of open clutches that are free is `clutch_drag` in `mechanical`.
 """
@@ -12,16 +12,18 @@ from .base import Array, Effect, ShaftState, Value, ramp, shape, size
 
 _SLIP_REVERSAL = 2.0  # rad/s, over which the friction of a gripping clutch turns round
 
+_TORQUE_STEP = 100.0  # N m, at which a slip is stated
 _BREAKAWAY = 0.1  # part of the holding torque within which a clutch begins to slip
 
 
 @dataclass(frozen=True)
 class ClutchSlip(Effect):
-    """slip = c (T - T_hold) above T_hold: a closed clutch at the output creeps under load.
+    """slip = s ((T - T_hold) / 100 N m)^n above T_hold: a closed clutch creeps under load.
 
     Friction of wet clutches rises with sliding speed, so a clutch with too little pressure settles
-    at a slip instead of breaking away. It passes the torque of the output shaft; speed and power
-    are lost by the same part. In overrun the output runs ahead.
+    at a slip instead of breaking away; n = 1 is a rise in proportion, 2 one that flattens. It
+    passes the torque of the output shaft; speed and power are lost by the same part. In overrun the
+    output runs ahead.
     """
 
     name = "clutch_slip"
@@ -37,20 +39,18 @@ class ClutchSlip(Effect):
     remedy = "measure the clutch pressure, and the speed before and behind the clutch"
 
     slip: float = size(
-        "rad/(s N m)",
-        0.02,
-        0.0,
-        0.5,
-        "slip speed for each N m above the holding torque",
+        "rad/s", 2.0, 0.0, 50.0, "slip speed at 100 N m above the holding torque"
     )
     holding: float = shape(
         "N m",
         (60.0, 120.0, 240.0, 480.0, 960.0),
         "torque of the output up to which the clutch holds",
     )
+    exponent: float = shape("-", (1.0, 2.0), "power of the torque above it")
 
     def output_slip(self, torque: Array) -> Value:
-        return self.slip * ramp(torque - self.holding, _BREAKAWAY * self.holding)
+        above = ramp(torque - self.holding, _BREAKAWAY * self.holding)
+        return self.slip * (above / _TORQUE_STEP) ** self.exponent
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,12 @@ class InletStarvation(Effect):
         "1 if the limit is one of flow, 0 if one of speed",
         between=False,
     )
+    motor_part: float = shape(
+        "-",
+        (0.0, 1.0),
+        "1 if the motor starves too where it pumps, 0 if not",
+        between=False,
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
         sense = np.tanh(state.pressure / _PRESSURE_REVERSAL)
@@ -182,7 +188,8 @@ class InletStarvation(Effect):
         pump_gives = np.maximum(sense * delivered_sense, 0.0)
         motor_gives = np.maximum(-sense * np.sign(state.motor_speed), 0.0)
         missing = pump_gives * self._missing_of_pump(state)
-        missing = missing + motor_gives * self._excess(np.abs(state.motor_speed))
+        of_motor = motor_gives * self._excess(np.abs(state.motor_speed))
+        missing = missing + self.motor_part * of_motor
         flow = self.deficit * state.displacement * missing
         return np.asarray(np.sign(state.pressure) * flow)
 

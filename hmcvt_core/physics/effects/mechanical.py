@@ -98,7 +98,7 @@ class FanDrive(Effect):
     start: float = shape(
         "deg C", (40.0, 50.0, 60.0, 70.0, 80.0, 90.0), "oil temperature of switch-on"
     )
-    band: float = shape("K", (2.0, 20.0), "rise from switch-on to fully on")
+    band: float = shape("K", (2.0, 7.0, 20.0), "rise from switch-on to fully on")
 
     def engine_drag(self, state: ShaftState) -> Value:
         if state.oil_temperature is None:
