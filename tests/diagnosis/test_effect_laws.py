@@ -26,7 +26,7 @@ ACTING = [
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=0.0),
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=1.0),
     FanDrive(torque=8.0, start=60.0),
-    ClutchSlip(slip=2.0, exponent=1.0, holding=60.0),
+    ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
     BrakeDrag(torque=10.0),
     GrippingClutch(torque=10.0, speed_ratio=1.2),
 ]
@@ -34,7 +34,7 @@ BEYOND = [
     ReliefValve(leak=5e-11, cracking=42.0),
     InletStarvation(deficit=0.3, full_speed=500.0),
     FanDrive(torque=8.0, start=90.0),
-    ClutchSlip(slip=2.0, exponent=1.0, holding=2000.0),
+    ClutchSlip(slip=8.0, exponent=1.0, holding=2000.0),
 ]
 # Files, stages and parts of the load that they carry.
 LAYOUTS = [
@@ -124,7 +124,7 @@ def test_the_unit_that_pumps_is_starved(points, exponent):
 
 @pytest.mark.parametrize("sense", [1.0, -0.3], ids=["pull", "overrun"])
 def test_a_closed_clutch_loses_speed_and_torque_stays(sense):
-    clutch = ClutchSlip(slip=2.0, exponent=1.0, holding=60.0)
+    clutch = ClutchSlip(slip=8.0, exponent=1.0, holding=60.0)
     points = POINTS._replace(load_torque=sense * POINTS.load_torque)
     _, flow = BalanceSolver(BASE.stage, BASE.parameters, (clutch,)).flow(points)
     torque = np.abs(flow.output_power / flow.output_speed)
@@ -137,7 +137,7 @@ def test_a_closed_clutch_loses_speed_and_torque_stays(sense):
 
 
 def test_a_clutch_that_cannot_pass_the_load_has_no_answer():
-    clutch = ClutchSlip(slip=50.0, exponent=1.0, holding=60.0)
+    clutch = ClutchSlip(slip=200.0, exponent=1.0, holding=60.0)
     efficiency = _with(clutch).readings_at(POINTS)[0]
     assert np.isnan(efficiency).any()
     assert np.isfinite(efficiency).any()
@@ -145,7 +145,7 @@ def test_a_clutch_that_cannot_pass_the_load_has_no_answer():
 
 def test_a_held_output_speed_allows_for_the_slip():
     solver = BalanceSolver(
-        BASE.stage, BASE.parameters, (ClutchSlip(slip=2.0, exponent=1.0, holding=60.0),)
+        BASE.stage, BASE.parameters, (ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),)
     )
     wanted = solver.solve(POINTS).output_speed
     stroke, torque = solver.held(POINTS.engine_speed, wanted, POINTS.load_torque)
@@ -197,7 +197,7 @@ def test_watts_close_on_every_layout(effect, file, stage, load, points):
         ReliefValve(leak=6e-11, cracking=8.0),
         InletStarvation(deficit=0.3, full_speed=200.0),
         FanDrive(torque=10.0, start=65.0, band=10.0),
-        ClutchSlip(slip=2.0, exponent=1.0, holding=200.0),
+        ClutchSlip(slip=8.0, exponent=1.0, holding=200.0),
         GrippingClutch(torque=12.0, speed_ratio=0.9),
     ],
     ids=_name,

@@ -164,7 +164,7 @@ def _fan(power, on):
 def _creep(torque):
     """Friction that rises with the logarithm of slip: slip grows as exp(T / torque)."""
     return _as_effect(
-        output_slip=lambda load: 0.05 * np.expm1(np.minimum(load / torque, 5.0))
+        output_slip=lambda load: 0.02 * np.expm1(np.minimum(load / torque, 5.0))
     )
 
 
@@ -193,7 +193,7 @@ PUBLISHED = {
         _fan(2.0, lambda t: 0.5 + 0.5 * np.tanh((t - 65.0) / 5.0)),
         _fan(1.7, lambda t: 1.0 * (t > 65.0)),  # a clutch that slips at high speed
     ],
-    "clutch_slip": [_creep(torque) for torque in (150.0, 200.0, 300.0)],
+    "clutch_slip": [_creep(torque) for torque in (150.0, 175.0, 200.0, 250.0)],
     "clutch_drag": [
         _clutch(peak, fall, feed, against)
         for peak in (60.0, 110.0, 160.0)

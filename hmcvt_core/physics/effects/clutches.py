@@ -12,16 +12,16 @@ from .base import Array, Effect, ShaftState, Value, ramp, shape, size
 
 _SLIP_REVERSAL = 2.0  # rad/s, over which the friction of a gripping clutch turns round
 
-_TORQUE_STEP = 100.0  # N m, at which a slip is stated
+_TORQUE_REFERENCE = 400.0  # N m above the holding torque, at which a slip is stated
 _BREAKAWAY = 0.1  # part of the holding torque within which a clutch begins to slip
 
 
 @dataclass(frozen=True)
 class ClutchSlip(Effect):
-    """slip = s ((T - T_hold) / 100 N m)^n above T_hold: a closed clutch creeps under load.
+    """slip = s ((T - T_hold) / 400 N m)^n above T_hold: a closed clutch creeps under load.
 
     Friction of wet clutches rises with sliding speed, so a clutch with too little pressure settles
-    at a slip instead of breaking away; n = 1 is a rise in proportion, 2 one that flattens. It
+    at a slip instead of breaking away; n = 1 is a rise in proportion, more one that flattens. It
     passes the torque of the output shaft; speed and power are lost by the same part. In overrun the
     output runs ahead.
     """
@@ -39,18 +39,18 @@ class ClutchSlip(Effect):
     remedy = "measure the clutch pressure, and the speed before and behind the clutch"
 
     slip: float = size(
-        "rad/s", 2.0, 0.0, 50.0, "slip speed at 100 N m above the holding torque"
+        "rad/s", 5.0, 0.0, 200.0, "slip speed at 400 N m above the holding torque"
     )
     holding: float = shape(
         "N m",
         (60.0, 120.0, 240.0, 480.0, 960.0),
         "torque of the output up to which the clutch holds",
     )
-    exponent: float = shape("-", (1.0, 2.0), "power of the torque above it")
+    exponent: float = shape("-", (1.0, 2.0, 3.0), "power of the torque above it")
 
     def output_slip(self, torque: Array) -> Value:
         above = ramp(torque - self.holding, _BREAKAWAY * self.holding)
-        return self.slip * (above / _TORQUE_STEP) ** self.exponent
+        return self.slip * (above / _TORQUE_REFERENCE) ** self.exponent
 
 
 @dataclass(frozen=True)
