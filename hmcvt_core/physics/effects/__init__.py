@@ -48,8 +48,7 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
     """Return every effect class known, sorted by name and form; with `units` those of units too.
 
     Classes without a size, and subclasses that define neither a name nor a form, are left out. A
-    class that is defined again, as when a notebook cell is run twice, replaces the earlier one. A
-    class of yours replaces one of hmcvt of the same name and form.
+    class that is defined again, as when a notebook cell is run twice, replaces the earlier one.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
@@ -63,18 +62,7 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
         and not {"name", "form"}.isdisjoint(vars(effect))
     ]
     latest = {(effect.__module__, effect.__qualname__): effect for effect in found}
-    added = [effect for effect in latest.values() if not _is_built_in(effect)]
-    replaced = {(effect.name, effect.form) for effect in added}
-    kept = [
-        effect
-        for effect in latest.values()
-        if _is_built_in(effect) and (effect.name, effect.form) not in replaced
-    ]
-    return tuple(sorted((*kept, *added), key=lambda effect: (effect.name, effect.form)))
-
-
-def _is_built_in(effect: type[Effect]) -> bool:
-    return effect.__module__.startswith(f"{__name__}.")
+    return tuple(sorted(latest.values(), key=lambda effect: (effect.name, effect.form)))
 
 
 @cache
