@@ -56,6 +56,9 @@ LOSSES: Mapping[str, tuple[str, str]] = {
     "bearing drag": ("#f7c9a3", "\\\\"),
     "churning": ("#d9734a", "||"),
     "output churning": ("#fbe0c8", "||"),
+    "fan drive": ("#e8b48c", "oo"),
+    "clutch slip": ("#c9622f", "//"),
+    "brake drag": ("#f0c2a0", "xx"),
 }
 
 _SVG = "http://www.w3.org/2000/svg"

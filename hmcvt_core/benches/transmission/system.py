@@ -45,7 +45,7 @@ LEAST_POWER = 4e3
 
 _COST_OF_MISSING_COLUMN = {
     "output_speed": "losses of flow and of torque look alike",
-    "oil_temperature": "viscosity cannot be judged",
+    "oil_temperature": "viscosity and a fan cannot be judged",
 }
 
 
