@@ -16,7 +16,6 @@ from studies.blind.bench.campaign import Campaign, fresh_state, make_campaign
 from studies.blind.bench.classes import classes_of
 from studies.blind.bench.confusion import Confusion, confusion_of
 from studies.blind.bench.properties import Bench
-from studies.blind.bench.truth import SETS
 from studies.blind.effect import FloatArray
 
 #: Squared deviations that an effect leaves at least when it is hidden.
@@ -24,7 +23,7 @@ DETECTABLE = 18.0
 #: Squared cosine above which two effects of one set have the same signature.
 _SAME = 0.9
 _FRESH_TESTS = 200
-_ATTEMPTS = 12
+_ATTEMPTS = 24
 _GROWTH = 1.4
 #: Campaigns of one seed are drawn from this many seeds.
 _SEEDS = 1000
@@ -66,7 +65,7 @@ def draw(case: Case) -> tuple[Campaign, Confusion]:
         except InputError:
             continue
         confusion = confusion_of(campaign)
-        if case.kind not in SETS:
+        if not campaign.truth.effects:
             return campaign, confusion
         if min(confusion.left) >= DETECTABLE and confusion.alike < _SAME:
             return campaign, confusion

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
 from studies.blind.bench.layouts import Machine
+from studies.blind.bench.listed_losses import LISTED_LOSSES
 from studies.blind.bench.plant import Settings, State
 from studies.blind.bench.unlisted_losses import UNLISTED_LOSSES, OilFan, ReliefValve
 from studies.blind.catalogue import (
@@ -33,6 +34,8 @@ SETS = {"single": 1, "pair": 2, "triple": 3}
 #: Shift of the efficiency that an effect makes where it acts, drawn evenly in its logarithm.
 _SHIFTS = (0.007, 0.03)
 _MOST_STALLED = 0.1
+#: Share of listed effects that take a form of `listed_losses`.
+_OWN_FORM = 0.5
 #: Tests on which an effect is sized, about so many.
 _SIZED_ON = 32
 
@@ -71,8 +74,12 @@ def draw_hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
 
 
 def _drawn(name: str, rng: np.random.Generator) -> Effect:
+    """Draw an effect: a listed one in a form of the twin or in one of the bench's own."""
     if name in UNLISTED_LOSSES:
         return UNLISTED_LOSSES[name]().drawn(rng)
+    own_form = rng.random() < _OWN_FORM
+    if own_form and name in LISTED_LOSSES:
+        return LISTED_LOSSES[name]().drawn(rng)
     return draw_effect(name, rng)
 
 
