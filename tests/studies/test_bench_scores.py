@@ -4,13 +4,16 @@
 import pytest
 from click.testing import CliRunner
 
+from hmcvt_core.benches.transmission import system
 from hmcvt_core.errors import InputError
 from studies.blind.__main__ import command
 from studies.blind.bench.classes import ENGINE_TORQUE, PROPORTIONAL, classes_of
+from studies.blind.bench.library import listed_name, without_effects
 from studies.blind.bench.properties import PROPERTIES, Bench
 from studies.blind.bench.scores import band_table, cost_table, score_table
 from studies.blind.bench.study import cases
-from studies.blind.bench.truth import KINDS
+from studies.blind.bench.truth import KINDS, USUAL_KINDS
+from studies.blind.bench.unlisted_losses import UNLISTED_LOSSES
 
 
 def record(kind, truth, leading, **others):
@@ -105,7 +108,7 @@ def test_kinds_are_mixed_and_a_longer_run_begins_as_a_shorter_one():
         case.key for case in long[:10]
     ]
     count = {kind: sum(case.kind == kind for case in long) for kind in KINDS}
-    assert all(count[kind] == 2 * often for kind, often in KINDS.items())
+    assert all(count[kind] == 2 * KINDS[kind] for kind in USUAL_KINDS)
     assert {case.kind for case in cases(8, 7, Bench(), ("pair", "nothing"))} == {
         "pair",
         "nothing",
@@ -128,3 +131,12 @@ def test_a_run_prints_its_table_and_keeps_its_records(tmp_path):
     assert ran.exit_code == 0, ran.output
     assert "alarms, exact base" in ran.output
     assert '"kind": "nothing"' in out.read_text()
+
+
+def test_an_unlisted_loss_is_left_out_of_the_list():
+    loss = UNLISTED_LOSSES["creeping_clutch"]()
+    with without_effects([loss]):
+        names = {kind.name for kind in system.library()}
+    assert names.isdisjoint(loss.listed_as)
+    assert "charge_pump" in names
+    assert listed_name(loss) in {None, *loss.listed_as}

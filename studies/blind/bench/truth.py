@@ -29,7 +29,10 @@ KINDS = {
     "base_off": 3,
     "unlisted": 3,
     "wrong_sign": 1,
+    "newly_listed": 2,
 }
+#: Kinds of a run that does not choose any.
+USUAL_KINDS = tuple(kind for kind in KINDS if kind != "newly_listed")
 SETS = {"single": 1, "pair": 2, "triple": 3}
 #: Shift of the efficiency that an effect makes where it acts, drawn evenly in its logarithm.
 _SHIFTS = (0.007, 0.03)
@@ -63,6 +66,9 @@ def draw_hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
         ]
     elif kind == "unlisted":
         names = [str(rng.choice([*UNLISTED_LOSSES, *UNKNOWN_EFFECTS]))]
+    elif kind == "newly_listed":
+        listed = [name for name, loss in UNLISTED_LOSSES.items() if loss.listed_as]
+        names = [str(rng.choice(listed))]
     elif kind == "wrong_sign":
         names = [str(rng.choice(list(TURNED_EFFECTS)))]
     hidden = []
