@@ -127,10 +127,13 @@ def test_names_that_do_not_exist_are_refused():
 def test_a_run_prints_its_table_and_keeps_its_records(tmp_path):
     out = tmp_path / "records.json"
     options = "--plant bench --campaigns 1 --seed 5 --kinds nothing --jobs 1"
-    ran = CliRunner().invoke(command, [*options.split(), "--out", str(out)])
+    page = tmp_path / "page.md"
+    files = ["--out", str(out), "--page", str(page)]
+    ran = CliRunner().invoke(command, [*options.split(), *files])
     assert ran.exit_code == 0, ran.output
     assert "alarms, exact base" in ran.output
     assert '"kind": "nothing"' in out.read_text()
+    assert "--campaigns 1 --seed 5 --kinds nothing`" in page.read_text()
 
 
 def test_an_unlisted_loss_is_left_out_of_the_list():

@@ -17,13 +17,13 @@ from studies.blind.bench.classes import classes_of
 from studies.blind.bench.confusion import Confusion, confusion_of
 from studies.blind.bench.library import listed_name, without_effects
 from studies.blind.bench.properties import Bench
+from studies.blind.bench.scores import DETECTABLE
 from studies.blind.effect import FloatArray
 
-#: Squared deviations that an effect leaves at least when it is hidden.
-DETECTABLE = 18.0
 #: Squared cosine above which two effects of one set have the same signature.
 _SAME = 0.9
-_FRESH_TESTS = 200
+#: Fresh tests with which promises are compared.
+FRESH_TESTS = 200
 _ATTEMPTS = 24
 _GROWTH = 1.4
 #: Campaigns of one seed are drawn from this many seeds.
@@ -162,7 +162,7 @@ def _elsewhere(
     campaign: Campaign, found: hmcvt.Diagnosis, model: hmcvt.EfficiencyModel
 ) -> dict[str, Any]:
     """Compare with the machine itself at fresh tests, on a bench without errors."""
-    programme, settings, state = fresh_state(campaign, _FRESH_TESTS)
+    programme, settings, state = fresh_state(campaign, FRESH_TESTS)
     engine = state.engine_torque
     output = state.output_torque
     for effect in campaign.truth.effects:

@@ -170,7 +170,7 @@ class PressureLeakage(ListedLoss):
 
 @dataclass(frozen=True)
 class OrificeLeakage(ListedLoss):
-    """A sharp leak beside a short gap: the root of the pressure, rounded where it is small."""
+    """A sharp leak next to a short gap: the root of the pressure, rounded where it is small."""
 
     laminar_below: float = between(2e5, 3e6)
 

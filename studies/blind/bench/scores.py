@@ -17,6 +17,7 @@ from studies.blind.bench.truth import SETS
 from studies.page import table
 
 Record = dict[str, Any]
+#: Squared deviations within which one effect imitates another.
 DETECTABLE = 18.0
 _BANDS = (0.0, 0.5, 0.7, 0.9, 0.98, 1.01)
 _LISTED = tuple(SETS)
