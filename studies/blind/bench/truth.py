@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a campaign hides: which effects, of which form, and how large."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,7 +153,7 @@ def _largest(effect: Effect) -> float:
     return TURNED_EFFECTS[f"-{effect.name}"]
 
 
-def _size_without_stall(miss, top: float) -> float:  # type: ignore[no-untyped-def]
+def _size_without_stall(miss: Callable[[float], float], top: float) -> float:
     """Return the size at which nothing is missed, or the largest that does not stall."""
     low = 0.0
     high = min(top, 0.25)
