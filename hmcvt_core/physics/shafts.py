@@ -420,6 +420,7 @@ class Shafts(SteadyState):
         """Return the speed behind closed clutches; NaN where they cannot pass the load."""
         if not self.acting["output_slip"]:
             return geared_speed
+        direction = np.sign(geared_speed)
         before = np.abs(geared_speed)
         behind = before
         # More torque slips more, so that Newton's method comes nearer from one side.
@@ -428,13 +429,14 @@ class Shafts(SteadyState):
             surplus = behind + slip - before
             is_off = np.abs(surplus) > _SLIP_TOLERANCE * before
             if not is_off.any():
-                break
+                return np.asarray(direction * behind)
             change = self._slip(behind * (1.0 + _SLIP_DIFFERENCE)) - slip
             slope = 1.0 + change / (_SLIP_DIFFERENCE * behind)
             closer = np.where(slope > 0.0, behind - surplus / slope, np.nan)
             closer = np.where(closer > 0.0, closer, np.nan)
             behind = np.where(is_off, closer, behind)
-        return np.asarray(np.sign(geared_speed) * np.where(is_off, np.nan, behind))
+        # What has not converged by then has no answer.
+        return np.asarray(direction * np.where(is_off, np.nan, behind))
 
     def _geared_speed(self, output_speed: Array) -> Array:
         """Return the speed before closed clutches."""

@@ -63,9 +63,8 @@ _SCALES = {
     "oil_temperature": Scale("oil temperature [°C]", 1.0, 0, "{} °C"),
 }
 
-_NOT_MAPPED = ("stage", "session")
-"""Recorded axes over which no gap is drawn: stages have maps of their own, and what sessions
-differ by is in the meters."""
+_NOT_MAPPED = ("stage",)
+"""Recorded axes over which no gap is drawn: every stage has a map of itself."""
 
 
 def scale_of(axis: Axis) -> Scale:

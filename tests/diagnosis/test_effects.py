@@ -2,7 +2,9 @@
 """What holds for every effect in the library, and for one that a user adds."""
 
 import gc
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,8 @@ from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
+
+PAGE = Path(__file__).parents[2].joinpath("docs/effects.md").read_text(encoding="utf-8")
 
 # Design, section 7.
 NAMES = {
@@ -133,6 +137,25 @@ def test_metadata(kind):
         else:
             assert getattr(kind(), item.name) in item.grid
             assert list(item.grid) == sorted(set(item.grid))
+
+
+def _on_the_page(item):
+    unit = "" if item.unit == "-" else f" [{item.unit}]"
+    if item.is_size:
+        return f"`{item.name}`{unit} {item.typical:g} ({item.low:g} to {item.high:g})"
+    return f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+
+
+@every_kind
+def test_the_page_of_effects_states_the_law_its_parameters_and_its_source(kind):
+    (section,) = re.findall(rf"^### {kind.name}\n(.*?)^##", PAGE, re.M | re.S)
+    (row,) = re.findall(rf"^\| {kind.form or '-'} \|.*", section, re.M)
+    law = kind.__doc__.split("\n")[0].replace("|", "\\|")
+    assert f" {kind.component} | {law} " in row
+    for item in kind.parameters():
+        assert _on_the_page(item) in row
+    assert kind.source.rstrip(".") in section
+    assert kind.remedy in section
 
 
 @every_kind

@@ -9,17 +9,19 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.fitting.cross_validation import (
-    SESSION,
     block_assignments,
     cross_validated_errors,
     fold_assignments,
     session_assignments,
 )
 from hmcvt_core.diagnosis.fitting.evidence import linear_models
-from hmcvt_core.diagnosis.observations import replicate_groups, scaled_to_extent
+from hmcvt_core.diagnosis.observations import (
+    SESSION,
+    replicate_groups,
+    scaled_to_extent,
+)
 from hmcvt_core.diagnosis.results.shrinkage import ExpectedGap, shrinkage
 from hmcvt_core.diagnosis.settings import SHRINKAGE_DRAWS
-from hmcvt_core.diagnosis.system import Axis
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, campaign, measure, random_points
@@ -215,8 +217,7 @@ def test_few_or_equal_points_make_few_blocks():
 
 def _in_sessions(observed, session):
     points = {**observed.points, SESSION: np.asarray(session, dtype=float)}
-    axis = Axis(SESSION, "-", "session", "session", 0, 0.1, steered=False)
-    return replace(observed, axes=(*observed.axes, axis), points=points)
+    return replace(observed, points=points)
 
 
 @pytest.mark.parametrize(

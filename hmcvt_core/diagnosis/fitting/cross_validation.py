@@ -14,7 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..observations import Observations, replicate_groups, scaled_to_extent
+from ..observations import (
+    SESSION,
+    Observations,
+    replicate_groups,
+    scaled_to_extent,
+)
 from ..settings import FOLD_ASSIGNMENTS, FOLDS
 from ..system import Array
 from .evidence import LinearModel, gram, model_evidence
@@ -27,9 +32,6 @@ BLOCK_ASSIGNMENTS = 4
 
 Source: chosen; the clusters depend on where k-means begins.
 """
-
-SESSION = "session"
-"""Name of the recorded axis that numbers the sessions from 0; -1 marks samples of none."""
 
 LEAST_FREEDOM = 0.5
 """Smallest part of the degrees of freedom of left-out samples that their shared errors leave.

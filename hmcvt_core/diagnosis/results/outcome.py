@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ..design.advice import Advice, NextTest
 from ..design.classes import ClassSet, EffectClass, merge_sets
-from ..observations import Observations
+from ..observations import SESSION, Observations
 from ..selection.posterior import Posterior
 from ..settings import UNEXPLAINED_PROBABILITY
 from ..system import Array, Axis, Channel
@@ -282,7 +282,7 @@ class Outcome:
         observed = self._observed
         steered = [axis.name for axis in self.axes]
         # A coordinate that all samples share is recorded without an axis.
-        known = list(observed.points)
+        known = [name for name in observed.points if name != SESSION]
         given = {**dict(zip(steered, coordinates, strict=False)), **named}
         for name in steered:
             if name not in given:

@@ -85,10 +85,7 @@ class GrippingClutch(BrakeDrag):
         "an open clutch does not free: it grips with the same torque at every slip between "
         "the output and a shaft of the engine"
     )
-    source = (
-        "a brake that does not free, against a shaft that turns with the engine; dry or "
-        "mixed friction"
-    )
+    source = "torque of plates in contact: Berger, Sadeghi & Krousgrill 1996, J. Tribol. 118, 137"
     remedy = "spin the output side alone with the clutches open"
 
     torque: float = size("N m", 10.0, 0.0, 200.0, "torque that the clutch still grips")
