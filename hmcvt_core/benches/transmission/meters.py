@@ -160,11 +160,14 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     points = observed.points
     if sessions.count > 1:
         points = {**points, SESSION: number}
+    shared_errors = None
+    if present:
+        shared_errors = np.stack(present, axis=-1)
     return replace(
         observed,
         points=points,
         deviation=_with_load_noise(observed, slopes),
-        shared_errors=np.stack(present, axis=-1),
+        shared_errors=shared_errors,
     )
 
 
