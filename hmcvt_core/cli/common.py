@@ -402,7 +402,8 @@ def note_oil_temperature(
 ) -> None:
     """Print on stderr that a given temperature has no effect, or that one is assumed."""
     used = any(effect.acts_at(*OIL_HOOKS) for effect in model.effects)
-    if oil_temperature is not None and not used:
+    needing = [effect.name for effect in model.effects if effect.needs_oil_temperature]
+    if oil_temperature is not None and not used and not needing:
         click.echo(
             "note: this model has no effect of the oil temperature; --oil-temperature "
             "changes nothing",
@@ -412,6 +413,11 @@ def note_oil_temperature(
         click.echo(
             "note: this model depends on the oil temperature; the answer holds at that of "
             "its identification, 60 deg C",
+            err=True,
+        )
+    if oil_temperature is None and needing:
+        click.echo(
+            f"note: without an oil temperature, {', '.join(needing)} of this model is off",
             err=True,
         )
 

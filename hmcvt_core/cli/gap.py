@@ -99,7 +99,8 @@ def _added_effects(diagnosis: Diagnosis) -> str:
         return ""
     leading = diagnosis.sets[0]
     words = f" with {' and '.join(leading.effects)}"
-    if diagnosis.verdict != "cause_found":
+    alone = len(diagnosis.twins_of(leading.effects)) == 1
+    if diagnosis.verdict != "cause_found" or not alone:
         words += f" ({100 * leading.probability:.0f} %, not certain)"
     return words
 

@@ -28,6 +28,9 @@ from .settings import (
 )
 from .system import Array, Axis, Channel, Points
 
+SESSION = "session"
+"""Key of `Observations.points` under which the sessions of the samples are numbered."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:
@@ -35,7 +38,9 @@ class Observations:
 
     Attributes:
         axes: of the points.
-        points: values by the name of the axis, shape (n,) each.
+        points: values by the name of the axis, shape (n,) each; under `SESSION` the number of
+            the session from 0, -1 for none, where the campaign has several. No prediction depends
+            on the session.
         channels: those read; the gap is measured in the first.
         measured: readings, each channel in its unit, shape (channels, n).
         deviation: standard deviations stated or assumed, same shape and units.

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from .design.advice import Advice
+from .design.classes import find_classes
 from .design.next_test import advise
 from .detection.regions import candidate_regions
 from .detection.significance import significance
@@ -77,12 +78,13 @@ def diagnose_system(
     detection = significance(base, boxes, seed)
     report_step("step 2 of 3, refits with sets of effects")
     posterior = compute_posterior(base, boxes, seed)
-    analysis = Analysis(posterior, boxes, detection, seed)
+    classes = find_classes(posterior)
+    analysis = Analysis(posterior, boxes, detection, seed, classes)
     report_step("step 3 of 3, how far the gap shrinks")
     validation = CrossValidation(analysis)
     measurement = measure_shrinkage(analysis, validation, held_out)
     possible = system.candidates(base.observed.points, base.base)
-    advice = advise(posterior, possible)
+    advice = advise(posterior, possible, classes)
     first_notes = (*warnings, *notes, *preparation_notes, *measurement.notes)
     return _summarise(
         analysis, validation, measurement, advice, tuple(warnings), first_notes
@@ -125,6 +127,7 @@ def _summarise(
         verdict=verdict,
         causes=causes_of(analysis, validation, verdict),
         sets=sets_of(analysis, validation),
+        classes=analysis.classes if analysis.significant else (),
         shrinkage=measurement.shrinkage,
         delivered=Delivered(rms(residuals), rms(residuals_after)),
         next_tests=advice.next_tests,
@@ -176,5 +179,6 @@ def next_test(
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
     boxes = candidate_regions(base.observed.coordinates)
-    advice = advise(compute_posterior(base, boxes, seed), possible)
+    posterior = compute_posterior(base, boxes, seed)
+    advice = advise(posterior, possible, find_classes(posterior))
     return replace(advice, notes=(*notes, *preparation_notes), seed=seed)

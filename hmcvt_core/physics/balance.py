@@ -208,7 +208,7 @@ class BalanceSolver:
         losses = self._unit_losses(shafts, flow)
         speeds = {
             # Torques of output and motor are reflected, speeds are not.
-            "output": flow.output_speed,
+            "output": flow.geared_speed,
             "motor": shafts.sense * flow.state.motor_speed,
             "mechanical": flow.state.engine_speed,
             "pump": flow.state.pump_speed,
@@ -219,7 +219,7 @@ class BalanceSolver:
         if self.stage.has_row:
             losses["planetary_row"] = _row_loss(shafts, flow, speeds)
         for effect in self._effects:
-            watts = _drag_loss(effect, flow.state)
+            watts = _drag_loss(effect, flow.state) + _slip_loss(effect, flow)
             losses[effect.name] = losses.get(effect.name, 0.0) + watts
         optional = {"pressure_drop", *(effect.name for effect in self._effects)}
         shown = {
@@ -345,6 +345,13 @@ def _row_loss(shafts: Shafts, flow: PowerFlow, speeds: Mapping[str, Array]) -> A
     mechanical = flow.torques["mechanical"][0] * speeds["mechanical"]
     output = flow.torques["output"][-1] * speeds["output"]
     return np.asarray(hydraulic + mechanical - output)
+
+
+def _slip_loss(effect: Effect, flow: PowerFlow) -> Array:
+    """Power that an effect takes in a closed clutch at the output [W]."""
+    power = np.abs(flow.output_power)
+    torque = np.where(power == 0.0, 0.0, power / np.abs(flow.output_speed))
+    return np.asarray(torque * effect.output_slip(torque))
 
 
 def _drag_loss(effect: Effect, state: ShaftState) -> Array:

@@ -32,8 +32,18 @@ _SHORT_STEP = 0.5
 _ROLLING_SPEED = 2.0
 """Sun speed against the carrier over which the sense of the mesh loss turns round [rad/s]."""
 
+_SLIP_ROUNDS = 20
+"""Most steps of Newton in which a slip and the torque that causes it are made to agree."""
+
+_SLIP_TOLERANCE = 1e-11
+"""Relative error of the output speed at which they agree."""
+
+_SLIP_DIFFERENCE = 1e-6
+"""Relative change of the output speed by which their slope is taken."""
+
 _HOOKS = (
     "true_load_power",
+    "output_slip",
     "stroke_lag",
     "output_drag",
     "engine_drag",
@@ -54,7 +64,9 @@ class PowerFlow(NamedTuple):
 
     Attributes:
         state: speeds and pressure, and the power that the bench reads at the output.
-        output_speed: y times engine speed, with its sign [rad/s].
+        output_speed: of the output shaft, with its sign [rad/s].
+        geared_speed: y times engine speed, with its sign: the same before a closed clutch that
+            slips [rad/s].
         output_power: power that really leaves [W].
         leakage_flow: flow that does not reach the motor [m3/s].
         torques: by path, before and after each gear pair from the output end back, at the shaft
@@ -66,6 +78,7 @@ class PowerFlow(NamedTuple):
 
     state: ShaftState
     output_speed: Array
+    geared_speed: Array
     output_power: Array
     leakage_flow: Array
     torques: dict[str, list[Array]]
@@ -261,7 +274,7 @@ class Shafts(SteadyState):
 
     def stroke_for(self, output_speed: Array) -> Array:
         """Return the displacement ratio to command for an output speed, from the points' ratio."""
-        reflected = self.reflection * output_speed
+        reflected = self.reflection * self._geared_speed(output_speed)
         motor = reflected - self.mechanical_ratio * self.engine_speed
         speed = motor / self.hydraulic_ratio  # (4)
         direction = np.where(speed > 0.0, 1.0, -1.0)
@@ -354,30 +367,27 @@ class Shafts(SteadyState):
     ) -> PowerFlow:
         """Go from the load back to the pressure, from one assumed, and from it to the leakage."""
         hydraulic = self.hydraulic_ratio
-        output_speed = (
+        geared_speed = (
             self.mechanical_ratio * self.engine_speed + hydraulic * speed
         )  # (4)
-        has_sense = (output_speed * self.sense > 0.0) | self.idle
-        output_speed = np.where(has_sense, output_speed, np.nan)
-        power = self.load_power
-        for effect in self.acting["true_load_power"]:
-            power = effect.true_load_power(
-                _in_shape_of(speed, power), np.abs(output_speed)
-            )
+        has_sense = (geared_speed * self.sense > 0.0) | self.idle
+        geared_speed = np.where(has_sense, geared_speed, np.nan)
+        output_speed = self._output_speed(geared_speed)
+        power = self._output_power(output_speed)
         without_load = self.idle & (power == 0.0)
         load = np.where(without_load, 0.0, power / output_speed)
-        state = self._state(speed, output_speed, stroke, pressure)
+        state = self._state(speed, geared_speed, stroke, pressure)
         load = load + self.sense * self._sum("output_drag", state)
         drag = self._sum("motor_drag", state)
         if self.pump_on_row:
-            torques = self._braced(self._lagged(state), output_speed)
+            torques = self._braced(self._lagged(state), geared_speed)
             load = load - torques["output"][0]
             direction = np.sign(speed)
             motor = self._geared(
                 "motor", load * hydraulic, speed, np.sign(load * speed)
             )
         else:
-            output = self._geared("output", load, output_speed, self.senses.power)
+            output = self._geared("output", load, geared_speed, self.senses.power)
             torques = {"output": output}
             # Ideal row: virtual work shares the output torque by the speed ratios.
             motor_share, _ = self._output_shares(state)
@@ -393,7 +403,56 @@ class Shafts(SteadyState):
         state = self._lagged(state._replace(pressure=self.sense * pressure))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         leakage = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
-        return PowerFlow(state, output_speed, power, np.asarray(leakage), torques)
+        return PowerFlow(
+            state, output_speed, geared_speed, power, np.asarray(leakage), torques
+        )
+
+    def _output_power(self, output_speed: Array) -> Array:
+        """Return the power that really leaves at a speed of the output shaft [W]."""
+        power = self.load_power
+        for effect in self.acting["true_load_power"]:
+            power = effect.true_load_power(
+                _in_shape_of(output_speed, power), np.abs(output_speed)
+            )
+        return power
+
+    def _output_speed(self, geared_speed: Array) -> Array:
+        """Return the speed behind closed clutches; NaN where they cannot pass the load."""
+        if not self.acting["output_slip"]:
+            return geared_speed
+        direction = np.sign(geared_speed)
+        before = np.abs(geared_speed)
+        behind = before
+        # More torque slips more, so that Newton's method comes nearer from one side.
+        for _ in range(_SLIP_ROUNDS):
+            slip = self._slip(behind)
+            surplus = behind + slip - before
+            is_off = np.abs(surplus) > _SLIP_TOLERANCE * before
+            if not is_off.any():
+                return np.asarray(direction * behind)
+            change = self._slip(behind * (1.0 + _SLIP_DIFFERENCE)) - slip
+            slope = 1.0 + change / (_SLIP_DIFFERENCE * behind)
+            closer = np.where(slope > 0.0, behind - surplus / slope, np.nan)
+            closer = np.where(closer > 0.0, closer, np.nan)
+            behind = np.where(is_off, closer, behind)
+        # What has not converged by then has no answer.
+        return np.asarray(direction * np.where(is_off, np.nan, behind))
+
+    def _geared_speed(self, output_speed: Array) -> Array:
+        """Return the speed before closed clutches."""
+        if not self.acting["output_slip"]:
+            return output_speed
+        behind = np.abs(output_speed)
+        return np.asarray(np.sign(output_speed) * (behind + self._slip(behind)))
+
+    def _slip(self, behind: Array) -> Array:
+        """Return what closed clutches take from the speed; negative in overrun."""
+        power = self._output_power(behind)
+        torque = np.where(power == 0.0, 0.0, np.abs(power) / behind)
+        slip: Value = 0.0
+        for effect in self.acting["output_slip"]:
+            slip = slip + effect.output_slip(torque)
+        return np.asarray(np.sign(power) * slip)
 
     def _lagged(self, state: ShaftState) -> ShaftState:
         if not self.acting["stroke_lag"]:
@@ -476,6 +535,7 @@ class Shafts(SteadyState):
             max(units.pump_displacement, units.motor_displacement),
             clutches or ((0.0, 1.0),),
             abs(self.flow_ratio),
+            self.points.oil_temperature,
         )
 
     def _motor_pressure(self, torque: Array, speed: Array, direction: Array) -> Array:

@@ -5,7 +5,7 @@ The page is one self-contained HTML file. It loads nothing and is complete witho
 sorts, marks and saves.
 
 axes        how the axes of a diagnosis are shown
-gap_map     maps of the estimated gap
+gap_map     maps of the estimated gap and its standard deviation
 residuals   residuals before and after
 watts       where the watts go, before and after
 figures     all of these as the templates of the page name them
@@ -41,7 +41,7 @@ from .surface import draw_map
 picture.register(EfficiencyModel, partial(drawn, draw_surface))
 picture.register(EfficiencyMap, partial(drawn, draw_map))
 picture.register(Identification, partial(drawn, draw_fit))
-picture.register(Diagnosis, partial(drawn, figures.draw_residuals))
+picture.register(Diagnosis, figures.plot_diagnosis)
 picture.register(Isolability, partial(drawn, draw_separation))
 picture.register(Opening, partial(drawn, draw_opening))
 

@@ -60,7 +60,11 @@ _SCALES = {
     "load_torque": Scale("load torque [N·m]", 1.0, 0, "{} N·m"),
     "speed": Scale("speed [r/min]", 1.0 / RPM, 0, "{} r/min"),
     "pressure": Scale("pressure [bar]", 1e-5, 0, "{} bar"),
+    "oil_temperature": Scale("oil temperature [°C]", 1.0, 0, "{} °C"),
 }
+
+_NOT_MAPPED = ("stage",)
+"""Recorded axes over which no gap is drawn: every stage has a map of itself."""
 
 
 def scale_of(axis: Axis) -> Scale:
@@ -70,6 +74,27 @@ def scale_of(axis: Axis) -> Scale:
     unit = "" if axis.unit == "-" else f" {axis.unit}"
     sentence = f"{axis.word} {{}}{unit}"
     return Scale(f"{axis.word} [{axis.unit}]", 1.0, axis.digits, sentence)
+
+
+def map_axes(diagnosis: Diagnosis) -> tuple[Axis, ...]:
+    """Return the axes over which a gap is drawn: the steered ones, and recorded ones that vary."""
+    recorded = []
+    for axis in diagnosis.posterior.base_only.fit.observed.axes:
+        if axis.steered or axis.name in _NOT_MAPPED:
+            continue
+        values = getattr(diagnosis.samples, axis.name, None)
+        if values is not None and np.ptp(values) > axis.tolerance:
+            recorded.append(axis)
+    return (*diagnosis.axes, *recorded)
+
+
+def value_in_words(axis: Axis, value: float) -> str:
+    """Return an axis and a value along it [SI] in words, such as `engine speed 1432 r/min`."""
+    scale = scale_of(axis)
+    text = scale.sentence.format(words.fixed(value * scale.factor, scale.digits))
+    if text.startswith(axis.word):
+        return text
+    return f"{axis.word} {text}"
 
 
 def shown(samples: Any, axis: Axis) -> Array:
@@ -96,6 +121,14 @@ def sample_names(diagnosis: Diagnosis, samples: Any) -> list[str]:
     if rows:
         return [f"{prefix}row {row}" for row in rows]
     return [f"{prefix}test {number}" for number in range(1, len(samples) + 1)]
+
+
+def rows_of_stage(samples: Any, stage: str | None) -> Rows:
+    """Return the samples of a stage; all of them if it is None."""
+    if stage is None:
+        return np.arange(len(samples))
+    names = np.array([str(name) for name in samples.extra["stage"]])
+    return np.flatnonzero(names == stage)
 
 
 def in_words(

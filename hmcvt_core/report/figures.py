@@ -8,26 +8,42 @@ from typing import Any
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
+from ..errors import InputError
 from .axes import MOST, columns
-from .gap_map import gap_map, stage_of_map
+from .gap_map import draw_gap, page_maps
+from .pictures import drawn
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
 
 __all__ = [
     "MOST",
     "columns",
-    "draw_residuals",
-    "gap_map",
+    "page_maps",
     "place_rows",
+    "plot_diagnosis",
     "residual_table",
     "residuals",
     "stage_head",
-    "stage_of_map",
     "stage_rows",
     "stage_watts",
     "test_rows",
     "watts",
 ]
+
+
+_PICTURES = {"residuals": draw_residuals, "gap": draw_gap}
+"""What `Diagnosis.plot` draws, by its name."""
+
+
+def plot_diagnosis(diagnosis: Diagnosis, *, of: str, ax: Any = None) -> Any:
+    """Return the matplotlib figure of `Diagnosis.plot`.
+
+    Raises:
+        InputError: `of` names no picture, or matplotlib is missing.
+    """
+    if of not in _PICTURES:
+        raise InputError(f"of: {of!r} is none of {', '.join(_PICTURES)}")
+    return drawn(_PICTURES[of], diagnosis, ax=ax)
 
 
 def place_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:

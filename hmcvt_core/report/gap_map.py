@@ -1,10 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Maps of the estimated gap over pairs of axes, with the regions and the samples on them."""
+"""Maps of the estimated gap over pairs of axes, with its uncertainty and the samples on them."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,24 +17,53 @@ from ..diagnosis.results.stages import main_stage, stages_of
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..diagnosis.system import Axis
 from ..transmission.ranges import Array
-from .axes import Rows, in_words, picked, scale_of, shown
-from .style import BLUE, GAP_COLOURS, INK, ORANGE, few_ticks, icon, styled, to_svg
+from .axes import (
+    Rows,
+    in_words,
+    map_axes,
+    picked,
+    rows_of_stage,
+    scale_of,
+    shown,
+    value_in_words,
+)
+from .style import (
+    BLUE,
+    DEVIATION_COLOURS,
+    GAP_COLOURS,
+    INK,
+    ORANGE,
+    SOFT,
+    few_ticks,
+    icon,
+    styled,
+    to_svg,
+)
 
-Figures = tuple[list[str], list[tuple[str, str]]]
-"""Drawings side by side (SVG), and their legend: text, and SVG of a mark."""
+Legend = list[tuple[str, str]]
+"""Entries of a legend: text, and SVG of a mark."""
+
+Figures = tuple[list[str], Legend]
+"""Drawings side by side (SVG), and their legend."""
 
 View = tuple[Axis, Axis]
 """Axis across and axis up."""
 
-_PAGE_SIZE = (6.9, 6.6)  # in
+_PAGE_SIZE = (6.9, 11.4)  # of the gap above its standard deviation [in]
+_PANEL_HEIGHTS = (6.6, 4.8)  # of the two [in]
+_COLUMNS = 3  # maps side by side in a file
+_TITLE_LETTERS = 50  # of a line above a map
 _GRID = 41  # points along each axis of a view
-_LEVELS = 8  # colours on either side of no gap
+_LEVELS = 8  # colours on either side of no gap, at most
+_DEVIATION_LEVELS = 6  # colours of the standard deviation, at most
+_ROUND_STEPS = (1, 2, 2.5, 5, 10)  # of contour levels
 _UNCERTAIN = 2.0
 """Standard deviations below which an estimated gap is hatched: the usual 95 % limit."""
 
 _SMALL_MARK = 6.5  # height of the mark of the smallest residual beyond the noise [pt]
 _LARGE_MARK = 19.5  # of the largest [pt]
 _DOT = 5.0  # within the noise [pt]
+_DOTS = 100  # on a map of the standard deviation, at most; an even part
 _LEGEND_MARK = 14.0  # pt
 _WHOLE = 0.86
 """Part of a view from which a region spans it: its outline would say nothing there."""
@@ -82,55 +112,155 @@ class Estimate(NamedTuple):
     deviation: Any
 
 
+class GapMap(NamedTuple):
+    """One map.
+
+    Attributes:
+        view: axis across and axis up.
+        stage: the stage that it shows; None where the samples are not of several.
+        held: value of each axis that the map does not show, by its name, SI.
+        estimate: None where the samples have one value along an axis, or the model has no answer.
+    """
+
+    view: View
+    stage: str | None
+    held: dict[str, float]
+    estimate: Estimate | None
+
+
+class _Reach(NamedTuple):
+    """How far the colours of all maps reach, in the unit shown.
+
+    Attributes:
+        gap: on either side of no gap.
+        deviation: from zero.
+    """
+
+    gap: float
+    deviation: float
+
+
+class StageMaps(NamedTuple):
+    """The maps of one stage on a page.
+
+    Attributes:
+        stage: its name, or None where the samples are not of several.
+        drawings: SVG.
+    """
+
+    stage: str | None
+    drawings: list[str]
+
+
 def views(diagnosis: Diagnosis) -> list[View]:
-    """Return every pair of axes."""
-    return list(itertools.combinations(diagnosis.axes, 2))
+    """Return every pair of axes, those that a test can set first."""
+    pairs = itertools.combinations(map_axes(diagnosis), 2)
+    return sorted(pairs, key=lambda pair: not (pair[0].steered and pair[1].steered))
 
 
-def gap_map(diagnosis: Diagnosis) -> Figures:
-    """Return the maps of the page, one per pair of axes, and their legend."""
+def gap_maps(diagnosis: Diagnosis) -> list[GapMap]:
+    """Return the maps of a diagnosis: each pair of axes, in each stage."""
+    stages: Sequence[str | None] = stages_of(diagnosis.samples)
+    if len(stages) < 2:
+        stages = [None]
+    maps = []
+    for stage in stages:
+        for view in views(diagnosis):
+            maps.append(_gap_map(diagnosis, view, stage))
+    return maps
+
+
+def _gap_map(diagnosis: Diagnosis, view: View, stage: str | None) -> GapMap:
+    held = held_values(diagnosis, view, stage)
+    return GapMap(view, stage, held, estimate(diagnosis, view, stage))
+
+
+def page_maps(diagnosis: Diagnosis) -> tuple[list[StageMaps], Legend]:
+    """Return the maps of the page by stage, and their legend."""
+    maps = gap_maps(diagnosis)
+    reach = _reach(diagnosis, maps)
+    pages = []
+    for number, (stage, group) in enumerate(
+        itertools.groupby(maps, lambda entry: entry.stage)
+    ):
+        suffix = "" if stage is None else f"-stage-{number}"
+        drawings = []
+        for entry in group:
+            drawings.append(_page_map(diagnosis, entry, reach, suffix))
+        pages.append(StageMaps(stage, drawings))
+    return pages, _legend(diagnosis)
+
+
+def _page_map(diagnosis: Diagnosis, entry: GapMap, reach: _Reach, suffix: str) -> str:
+    """Return a map above that of its standard deviation as SVG.
+
+    Args:
+        diagnosis: with or without a gap.
+        entry: the map.
+        reach: of all maps.
+        suffix: of its name.
+    """
+    across, up = entry.view
     tips = {}
-    for kind, group in _marks(diagnosis).items():
+    for kind, group in _marks(diagnosis, entry.stage).items():
         tips[kind] = in_words(
             diagnosis, diagnosis.samples, diagnosis.residuals, group.rows
         )
-    pairs = views(diagnosis)
-    estimates = [estimate(diagnosis, view) for view in pairs]
-    reach = _reach(diagnosis, estimates)
-    drawings = []
-    for view, gap in zip(pairs, estimates, strict=True):
-        across, up = view
-        with styled(_PAGE_SIZE) as figure:
-            _draw(figure.subplots(), diagnosis, view, gap, reach)
-            title = (
-                f"Map of the estimated gap: {scale_of(up).label} over "
-                f"{scale_of(across).label}; triangles down where the bench lies below the "
-                "model, up where above"
-            )
-            name = f"map-{across.name}-{up.name}".replace("_", "-")
-            drawings.append(to_svg(figure, name, title, tips))
-    return drawings, _legend(diagnosis)
+    title = (
+        f"Map of the estimated gap: {scale_of(up).label} over "
+        f"{scale_of(across).label}{_held_in_words(diagnosis, entry)}; triangles down "
+        "where the bench lies below the model, up where above. Below it, the standard "
+        "deviation of the estimate"
+    )
+    name = f"map-{across.name}-{up.name}{suffix}".replace("_", "-")
+    with styled(_PAGE_SIZE) as figure:
+        above, below = figure.subplots(2, 1, height_ratios=_PANEL_HEIGHTS)
+        _draw(above, diagnosis, entry, reach)
+        _draw_deviation(below, diagnosis, entry, reach)
+        return to_svg(figure, name, title, tips)
 
 
 def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
-    """Draw the maps of the estimated gap side by side, or the first one into axes.
+    """Draw the maps of the estimated gap above its standard deviation, or one into axes.
 
     Args:
         figure: empty matplotlib figure.
         diagnosis: with or without a gap.
-        ax: axes to draw into instead.
+        ax: axes to draw the first map into instead.
     """
-    pairs = views(diagnosis)
     if ax is not None:
-        draw_view(ax, diagnosis, pairs[0])
+        draw_view(ax, diagnosis, views(diagnosis)[0])
         return
-    figure.set_size_inches(_PAGE_SIZE[0] * len(pairs), _PAGE_SIZE[1])
+    maps = gap_maps(diagnosis)
+    reach = _reach(diagnosis, maps)
+    blocks = _blocks(maps)
+    columns = max(len(block) for block in blocks)
+    figure.set_size_inches(
+        _PAGE_SIZE[0] * columns, sum(_PANEL_HEIGHTS) * len(blocks) + 0.5
+    )
     figure.suptitle(_title(diagnosis), x=0.01, ha="left")
-    estimates = [estimate(diagnosis, view) for view in pairs]
-    reach = _reach(diagnosis, estimates)
-    all_axes = figure.subplots(1, len(pairs), squeeze=False)[0]
-    for axes, view, gap in zip(all_axes, pairs, estimates, strict=True):
-        _draw(axes, diagnosis, view, gap, reach)
+    grid = figure.subplots(
+        2 * len(blocks),
+        columns,
+        squeeze=False,
+        height_ratios=_PANEL_HEIGHTS * len(blocks),
+    )
+    for axes in grid.flat:
+        axes.set_visible(False)
+    for number, block in enumerate(blocks):
+        for column, entry in enumerate(block):
+            _draw(grid[2 * number, column], diagnosis, entry, reach)
+            _draw_deviation(grid[2 * number + 1, column], diagnosis, entry, reach)
+
+
+def _blocks(maps: Iterable[GapMap]) -> list[list[GapMap]]:
+    """Return the maps that stand side by side in a file: of one stage, a few at a time."""
+    blocks = []
+    for _, group in itertools.groupby(maps, lambda entry: entry.stage):
+        of_stage = list(group)
+        for first in range(0, len(of_stage), _COLUMNS):
+            blocks.append(of_stage[first : first + _COLUMNS])
+    return blocks
 
 
 def _title(diagnosis: Diagnosis) -> str:
@@ -145,61 +275,82 @@ def _title(diagnosis: Diagnosis) -> str:
 
 
 def draw_view(axes: Any, diagnosis: Diagnosis, view: View) -> None:
-    """Draw the map of the estimated gap over two axes.
+    """Draw the map of the estimated gap over two axes, of several stages in the main one.
 
     Args:
         axes: matplotlib Axes.
         diagnosis: estimates the gap.
         view: axis across and axis up.
     """
-    gap = estimate(diagnosis, view)
-    _draw(axes, diagnosis, view, gap, _reach(diagnosis, [gap]))
+    entry = _gap_map(diagnosis, view, stage_of_map(diagnosis))
+    _draw(axes, diagnosis, entry, _reach(diagnosis, [entry]))
 
 
-def _draw(
-    axes: Any, diagnosis: Diagnosis, view: View, gap: Estimate | None, reach: float
-) -> None:
-    across, up = view
-    points = np.column_stack(
-        [shown(diagnosis.samples, across), shown(diagnosis.samples, up)]
-    )
-    axes.update_datalim(points)  # of all samples, with and without a residual
-    axes.margins(0.07)
-    axes.autoscale_view()
-    limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
-    if gap is not None:
-        _draw_estimate(axes, diagnosis, gap, reach)
-    axes.set(xlabel=scale_of(across).label, ylabel=scale_of(up).label, **limits)
-    few_ticks(axes)
-    for kind, group in _marks(diagnosis).items():
-        _scatter(axes, kind, points[group.rows], group.heights)
-    _outline_regions(axes, diagnosis, view, points[picked(diagnosis.residuals)])
+def stage_of_map(diagnosis: Diagnosis) -> str | None:
+    """Return the stage of a single map, where the samples are of several."""
+    if len(stages_of(diagnosis.samples)) < 2:
+        return None
+    return main_stage(diagnosis.samples)
 
 
-def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
-    """Return the estimated gap over two axes, at the median of the samples along the others.
+# --- the estimate --------------------------------------------------------------------------
 
-    Of several stages, it holds in the one with most samples.
-    None where the samples have one value along an axis, or the model has no answer.
+
+def held_values(
+    diagnosis: Diagnosis, view: View, stage: str | None = None
+) -> dict[str, float]:
+    """Return the values at which a map holds the other axes: the median of the samples.
+
+    Args:
+        diagnosis: of the samples.
+        view: axis across and axis up.
+        stage: whose samples count; None for all.
     """
+    rows = rows_of_stage(diagnosis.samples, stage)
+    held = {}
+    for axis in map_axes(diagnosis):
+        if axis not in view:
+            values = getattr(diagnosis.samples, axis.name)[rows]
+            held[axis.name] = float(np.median(values))
+    return held
+
+
+def estimate(
+    diagnosis: Diagnosis, view: View, stage: str | None = None
+) -> Estimate | None:
+    """Return the estimated gap over two axes, within the samples, the others as held.
+
+    Args:
+        diagnosis: estimates the gap.
+        view: axis across and axis up.
+        stage: in which it is estimated; None for the main one of several.
+
+    Returns:
+        None where the samples have one value along an axis, or the model has no answer.
+    """
+    if stage is None:
+        stage = stage_of_map(diagnosis)
+    rows = rows_of_stage(diagnosis.samples, stage)
     lines = []
     for axis in view:
-        low, high = diagnosis.extent[axis.name]
-        spread = float(np.ptp(getattr(diagnosis.samples, axis.name)))
-        if not high > low or spread == 0.0:
+        values = getattr(diagnosis.samples, axis.name)[rows]
+        low, high = _extent(diagnosis, axis)
+        # Samples that were set aside reach further than what was diagnosed.
+        low = max(low, float(values.min()))
+        high = min(high, float(values.max()))
+        if not high > low:
             return None
         lines.append(np.linspace(low, high, _GRID))
     grid = np.meshgrid(*lines)
-    coordinates: dict[str, Any] = {}
-    for axis in diagnosis.axes:
-        low, high = diagnosis.extent[axis.name]
-        usual = np.median(getattr(diagnosis.samples, axis.name))
-        coordinates[axis.name] = np.clip(usual, low, high)
+    coordinates: dict[str, Any] = dict(held_values(diagnosis, view, stage))
+    for axis in map_axes(diagnosis):
+        if axis.name in coordinates:
+            low, high = _extent(diagnosis, axis)
+            coordinates[axis.name] = np.clip(coordinates[axis.name], low, high)
     shown_grid = []
     for axis, values in zip(view, grid, strict=True):
         coordinates[axis.name] = values
         shown_grid.append(values * scale_of(axis).factor)
-    stage = stage_of_map(diagnosis)
     if stage is not None:
         coordinates["stage"] = list(diagnosis.base.stages).index(stage)
     mean, deviation = diagnosis.gap_at(**coordinates)
@@ -214,20 +365,107 @@ def estimate(diagnosis: Diagnosis, view: View) -> Estimate | None:
     )
 
 
-def stage_of_map(diagnosis: Diagnosis) -> str | None:
-    """Return the stage that the maps show, where the samples are of several."""
-    if len(stages_of(diagnosis.samples)) < 2:
-        return None
-    return main_stage(diagnosis.samples)
+def _extent(diagnosis: Diagnosis, axis: Axis) -> tuple[float, float]:
+    """Return the lowest and highest value along an axis of what was diagnosed, SI."""
+    if axis.name in diagnosis.extent:
+        return diagnosis.extent[axis.name]
+    values = diagnosis.posterior.base_only.fit.observed.points[axis.name]
+    return float(values.min()), float(values.max())
 
 
-def _reach(diagnosis: Diagnosis, estimates: Sequence[Estimate | None]) -> float:
-    """Return how far the colours of several maps reach on either side of no gap."""
-    reach = 2.0 * diagnosis.channel.factor * diagnosis.gap.noise
-    for entry in estimates:
-        if entry is not None:
-            reach = max(reach, float(np.abs(entry.mean).max()))
-    return reach
+def _reach(diagnosis: Diagnosis, maps: Iterable[GapMap]) -> _Reach:
+    """Return how far the colours of several maps reach."""
+    twice_noise = 2.0 * diagnosis.channel.factor * diagnosis.gap.noise
+    gap = twice_noise
+    deviation = 0.0
+    for entry in maps:
+        if entry.estimate is not None:
+            gap = max(gap, float(np.abs(entry.estimate.mean).max()))
+            deviation = max(deviation, float(entry.estimate.deviation.max()))
+    return _Reach(gap, deviation or twice_noise)
+
+
+# --- drawing -------------------------------------------------------------------------------
+
+
+def _draw(axes: Any, diagnosis: Diagnosis, entry: GapMap, reach: _Reach) -> None:
+    """Draw a map with its samples and regions."""
+    points = _framed(axes, diagnosis, entry)
+    if entry.estimate is not None:
+        _draw_estimate(axes, diagnosis, entry.estimate, reach.gap)
+    title = _held_in_words(diagnosis, entry).removeprefix(", ")
+    axes.set_title("\n".join(textwrap.wrap(title, _TITLE_LETTERS)))
+    for kind, group in _marks(diagnosis, entry.stage).items():
+        _scatter(axes, kind, points[group.rows], group.heights)
+    drawn = _drawn_rows(diagnosis, entry.stage)
+    _outline_regions(axes, diagnosis, entry.view, points[drawn])
+
+
+def _draw_deviation(
+    axes: Any, diagnosis: Diagnosis, entry: GapMap, reach: _Reach
+) -> None:
+    """Draw the standard deviation of an estimate, with a dot for each sample."""
+    if entry.estimate is None:
+        axes.set_visible(False)
+        return
+    from matplotlib.colors import LinearSegmentedColormap
+
+    points = _framed(axes, diagnosis, entry)
+    gap = entry.estimate
+    levels = _round_levels(0.0, reach.deviation, _DEVIATION_LEVELS)
+    filled = axes.contourf(
+        gap.across,
+        gap.up,
+        gap.deviation,
+        levels=levels,
+        cmap=LinearSegmentedColormap.from_list("deviation", DEVIATION_COLOURS),
+    )
+    _draw_lines(axes, gap, gap.deviation, levels)
+    bar = axes.figure.colorbar(
+        filled, ax=axes, location="top", pad=0.03, aspect=40, format="%.3g"
+    )
+    bar.set_ticks(_few(levels))
+    bar.set_label(
+        f"standard deviation of the estimate [{diagnosis.channel.unit}]", labelpad=10.0
+    )
+    rows = _drawn_rows(diagnosis, entry.stage)
+    across, up = points[rows[:: -(-len(rows) // _DOTS) or 1]].T
+    axes.scatter(across, up, s=_DOT**2, color=INK, clip_on=False, zorder=3)
+
+
+def _framed(axes: Any, diagnosis: Diagnosis, entry: GapMap) -> Array:
+    """Set the limits and labels of axes; return the samples in them, shape (n, 2)."""
+    across, up = entry.view
+    points = np.column_stack(
+        [shown(diagnosis.samples, across), shown(diagnosis.samples, up)]
+    )
+    axes.set_visible(True)
+    # Of all samples, with and without a residual, so that the maps of all stages compare.
+    axes.update_datalim(points)
+    axes.margins(0.07)
+    axes.autoscale_view()
+    axes.set(
+        xlabel=scale_of(across).label,
+        ylabel=scale_of(up).label,
+        xlim=axes.get_xlim(),
+        ylim=axes.get_ylim(),
+    )
+    few_ticks(axes)
+    return points
+
+
+def _held_in_words(diagnosis: Diagnosis, entry: GapMap) -> str:
+    """Return at which values of the other axes a map holds, with a comma before it."""
+    parts = []
+    for axis in map_axes(diagnosis):
+        if axis.name in entry.held:
+            part = value_in_words(axis, entry.held[axis.name])
+            # A line does not end between a value and its unit.
+            parts.append(part.replace(" ", "\N{NO-BREAK SPACE}"))
+    text = f", at {', '.join(parts)}" if parts else ""
+    if entry.stage is not None:
+        text = f", stage {entry.stage}{text}"
+    return text
 
 
 def _draw_estimate(
@@ -236,13 +474,15 @@ def _draw_estimate(
     """Colour the estimated gap; hatch it where it is less than its uncertainty allows."""
     from matplotlib.colors import LinearSegmentedColormap
 
+    levels = _round_levels(-reach, reach, 2 * _LEVELS)
     filled = axes.contourf(
         gap.across,
         gap.up,
         gap.mean,
-        levels=np.linspace(-reach, reach, 2 * _LEVELS + 1),
+        levels=levels,
         cmap=LinearSegmentedColormap.from_list("gap", GAP_COLOURS),
     )
+    _draw_lines(axes, gap, gap.mean, levels)
     axes.contourf(
         gap.across,
         gap.up,
@@ -254,9 +494,38 @@ def _draw_estimate(
     bar = axes.figure.colorbar(
         filled, ax=axes, location="top", pad=0.03, aspect=40, format=_signed
     )
-    bar.locator = _few_values()
-    bar.update_ticks()
+    bar.set_ticks(_few(levels))
     bar.set_label(f"estimated gap [{diagnosis.channel.unit}]", labelpad=10.0)
+
+
+def _draw_lines(axes: Any, gap: Estimate, values: Any, levels: Array) -> None:
+    """Draw contour lines, dashed below zero, and a thick one at zero."""
+    widths = np.where(np.abs(levels) < 1e-9, 2.0, 0.8)
+    styles = np.where(levels < -1e-9, "dashed", "solid").tolist()
+    axes.contour(
+        gap.across,
+        gap.up,
+        values,
+        levels=levels,
+        colors=SOFT,
+        linewidths=widths,
+        linestyles=styles,
+    )
+
+
+def _round_levels(low: float, high: float, most: int) -> Array:
+    """Return round levels that cover a range, symmetric about zero where the range is."""
+    from matplotlib.ticker import MaxNLocator
+
+    locator = MaxNLocator(most, steps=_ROUND_STEPS, symmetric=low < 0.0)
+    return np.asarray(locator.tick_values(low, high))
+
+
+def _few(levels: Array) -> Array:
+    """Return the levels that a colour bar names: about four, zero among them."""
+    zero = int(np.abs(levels).argmin())
+    step = max(1, -(-len(levels) // 5))
+    return np.asarray(levels[zero % step :: step])
 
 
 def _signed(value: float, _: int) -> str:
@@ -266,17 +535,20 @@ def _signed(value: float, _: int) -> str:
     return f"{value:+.3g}".replace("-", words.MINUS)
 
 
-def _few_values() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(nbins=4, symmetric=True)
+# --- samples and regions -------------------------------------------------------------------
 
 
-def _marks(diagnosis: Diagnosis) -> dict[str, _Marks]:
+def _drawn_rows(diagnosis: Diagnosis, stage: str | None) -> Rows:
+    """Return the samples of a stage that are drawn."""
+    rows = picked(diagnosis.residuals)
+    return rows[np.isin(rows, rows_of_stage(diagnosis.samples, stage))]
+
+
+def _marks(diagnosis: Diagnosis, stage: str | None = None) -> dict[str, _Marks]:
     """Return the marks of the samples by kind, large ones first so that small ones show."""
     values = diagnosis.residuals
     twice_noise = 2.0 * diagnosis.gap.noise
-    rows = picked(values)
+    rows = _drawn_rows(diagnosis, stage)
     rows = rows[np.argsort(-np.abs(values[rows]), kind="stable")]
     sizes = np.abs(values[rows])
     within = sizes <= twice_noise
@@ -302,7 +574,7 @@ def _largest(diagnosis: Diagnosis) -> float:
     return float(np.nanmax(np.abs(diagnosis.residuals), initial=twice_noise))
 
 
-def _legend(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def _legend(diagnosis: Diagnosis) -> Legend:
     twice_noise = words.amount(diagnosis, 2.0 * diagnosis.gap.noise)
     half = words.amount(diagnosis, _largest(diagnosis) / 2.0)
     entries = [
@@ -319,6 +591,8 @@ def _legend(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         legend.append((text, icon(f"mark-{number}", draw)))
     hatch = icon("mark-hatch", _draw_hatch)
     legend.append(("hatched: less than two standard deviations of the estimate", hatch))
+    line = icon("mark-line", _draw_dashes)
+    legend.append(("dashed contours: bench below model; thick: no gap", line))
     return legend
 
 
@@ -326,6 +600,11 @@ def _draw_hatch(axes: Any) -> None:
     axes.fill_between(
         (0.05, 0.95), 0.05, 0.95, facecolor="w", edgecolor=INK, hatch="///", lw=0.6
     )
+
+
+def _draw_dashes(axes: Any) -> None:
+    axes.plot((0.0, 1.0), (0.65, 0.65), color=SOFT, lw=0.8, ls="dashed")
+    axes.plot((0.0, 1.0), (0.25, 0.25), color=SOFT, lw=2.0)
 
 
 def _scatter(axes: Any, kind: str, points: Any, heights: Any) -> None:
@@ -354,7 +633,9 @@ def _outline_regions(
     for number, region in enumerate(diagnosis.where, 1):
         ends = []
         for axis in view:
-            ends.append(np.multiply(region.limits[axis.name], scale_of(axis).factor))
+            # Regions have no limits along an axis that is only recorded.
+            limits = region.limits.get(axis.name, _extent(diagnosis, axis))
+            ends.append(np.multiply(limits, scale_of(axis).factor))
         box = (np.transpose(ends) - low) / (high - low)
         if np.all(box[1] - box[0] > _WHOLE):
             continue

@@ -7,7 +7,9 @@ import textwrap
 from typing import Any
 
 from ..diagnosis import Diagnosis
+from ..diagnosis.design.classes import EffectClass
 from ..diagnosis.results import text as words
+from ..diagnosis.results.outcome import Cause
 from .gap_map import View, draw_view, views
 from .style import INK, SOFT, styled, to_pdf
 
@@ -107,14 +109,27 @@ def _printable(text: str) -> str:
 
 
 def _cause_lines(diagnosis: Diagnosis) -> list[str]:
-    lines = []
-    for cause in diagnosis.causes[:_CAUSES]:
-        probability = words.probability(cause.probability)
-        lines.append(
-            f"{probability}  {words.plain(cause.effect)} ({cause.component}): "
-            f"{cause.summary}"
-        )
-    return lines
+    lines: list[str] = []
+    classes = []
+    for cause in diagnosis.causes:
+        effect_class = diagnosis.class_of(cause)
+        if effect_class is None:
+            probability = words.probability(cause.probability)
+            lines.append(
+                f"{probability}  {words.plain(cause.effect)} ({cause.component}): "
+                f"{cause.summary}"
+            )
+        elif effect_class not in classes:
+            classes.append(effect_class)
+            lines.append(_class_line(effect_class, cause))
+    return lines[:_CAUSES]
+
+
+def _class_line(effect_class: EffectClass, cause: Cause) -> str:
+    """Return a line for a class, described by its most probable member."""
+    probability = words.probability(effect_class.probability)
+    members = words.listed([words.plain(name) for name in effect_class.members])
+    return f"{probability}  {members}: {cause.summary}"
 
 
 def _next_step(diagnosis: Diagnosis) -> list[str]:
@@ -124,18 +139,7 @@ def _next_step(diagnosis: Diagnosis) -> list[str]:
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]
-    return _paragraphs(diagnosis.advice.report())
-
-
-def _paragraphs(text: str) -> list[str]:
-    """Return the paragraphs of a wrapped text, whose further lines are indented."""
-    paragraphs: list[str] = []
-    for line in text.splitlines():
-        if line.startswith(" ") and paragraphs:
-            paragraphs[-1] += f" {line.strip()}"
-        else:
-            paragraphs.append(line)
-    return paragraphs
+    return diagnosis.advice.lines()
 
 
 def _best_view(diagnosis: Diagnosis) -> View:

@@ -38,6 +38,9 @@ EFFICIENCY_COLOURS = "viridis"
 GAP_COLOURS = ("#e08a4e", "#f3c9a8", "#ffffff", "#aecbe4", "#5a97c9")
 """Colours of an estimated gap, from bench below model over none to bench above model."""
 
+DEVIATION_COLOURS = ("#ffffff", "#e6e0ee", "#b9abd0", "#8f7cb0")
+"""Colours of a standard deviation, from none to the largest; even in grey."""
+
 # Fill and hatch of every loss, in the order of the stack.
 LOSSES: Mapping[str, tuple[str, str]] = {
     "gear pairs": ("#3d444c", ""),
@@ -53,6 +56,9 @@ LOSSES: Mapping[str, tuple[str, str]] = {
     "bearing drag": ("#f7c9a3", "\\\\"),
     "churning": ("#d9734a", "||"),
     "output churning": ("#fbe0c8", "||"),
+    "fan drive": ("#e8b48c", "oo"),
+    "clutch slip": ("#c9622f", "//"),
+    "brake drag": ("#f0c2a0", "xx"),
 }
 
 _SVG = "http://www.w3.org/2000/svg"

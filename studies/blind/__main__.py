@@ -16,6 +16,7 @@ from studies.workers import recorded
 from .bench.properties import PROPERTIES, Bench
 from .bench.study import cases as bench_cases
 from .bench.study import cost as bench_cost
+from .bench.study import page as bench_page
 from .bench.study import report as bench_report
 from .bench.study import run as run_bench
 from .bench.study import save
@@ -119,6 +120,13 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
     metavar="FILE",
     help="Twin: write the report there too. Bench: write the records there as JSON.",
 )
+@click.option(
+    "--page",
+    type=OutputFile(),
+    default=None,
+    metavar="FILE.md",
+    help="Bench: write the section of the page there.",
+)
 def command(plant: str, jobs: int, out: str | None, **options: Any) -> None:
     """Run the blind trial: the diagnosis gets the bench columns of the campaigns alone."""
     run = _bench if plant == "bench" else _twin
@@ -138,13 +146,33 @@ def _bench(options: dict[str, Any], jobs: int, out: str | None) -> str:
         )
         if out is not None:
             save(Path(out), content)
+        _write_page(options, content["nothing"], text)
         return text
     bench = Bench().without(*options["without"])
     todo = bench_cases(options["campaigns"], options["seed"], bench, kinds)
     records = run_bench(todo, jobs, progress)
     if out is not None:
         save(Path(out), records)
+    _write_page(options, records)
     return bench_report(records)
+
+
+def _write_page(
+    options: dict[str, Any], records: list[dict[str, Any]], cost_lines: str = ""
+) -> None:
+    """Write the section of the page, where it is asked for."""
+    if options["page"] is None:
+        return
+    words = f"--campaigns {options['campaigns']} --seed {options['seed']}"
+    if options["kinds"]:
+        words += f" --kinds {options['kinds']}"
+    for name in options["without"]:
+        words += f" --without {name}"
+    if cost_lines:
+        words += " --cost"
+    line = f"python -m studies.blind --plant bench {words}"
+    text = bench_page(records, line, options["seed"], cost_lines)
+    write_atomically(Path(options["page"]), text)
 
 
 def _twin(options: dict[str, Any], jobs: int, out: str | None) -> str:

@@ -2,7 +2,9 @@
 """What holds for every effect in the library, and for one that a user adds."""
 
 import gc
+import re
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,8 @@ from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, random_points
+
+PAGE = Path(__file__).parents[2].joinpath("docs/effects.md").read_text(encoding="utf-8")
 
 # Design, section 7.
 NAMES = {
@@ -52,6 +56,15 @@ STANDING = OperatingPoints(
 )
 
 
+# By effect, the shape above which it acts; tests need not reach it.
+THRESHOLDS = {
+    "relief_valve": "cracking",
+    "inlet_starvation": "full_speed",
+    "clutch_slip": "holding",
+    "fan_drive": "start",
+}
+
+
 def _label(kind):
     return f"{kind.name} {kind.form}".strip()
 
@@ -61,6 +74,17 @@ def _at(kind, part=1.0):
     return [
         form.with_values({item.name: part * item.typical for item in form.sizes()})
         for form in forms_of(kind())
+    ]
+
+
+def _acting(kind, part=1.0):
+    """The forms that act within the tests: of a threshold, those at the lowest."""
+    threshold = THRESHOLDS.get(kind.name)
+    lowest = {item.name: min(item.grid) for item in kind.parameters() if item.grid}
+    return [
+        form
+        for form in _at(kind, part)
+        if threshold is None or form.values()[threshold] == lowest[threshold]
     ]
 
 
@@ -88,6 +112,11 @@ def test_the_names_of_the_contract_are_there():
         "output_churning",
         "port_pressure_drop",
         "pressure_sensor",
+        "relief_valve",
+        "inlet_starvation",
+        "fan_drive",
+        "clutch_slip",
+        "brake_drag",
     }, "named as further ones"
     assert len({(kind.name, kind.form) for kind in KINDS}) == len(KINDS)
 
@@ -110,6 +139,25 @@ def test_metadata(kind):
             assert list(item.grid) == sorted(set(item.grid))
 
 
+def _on_the_page(item):
+    unit = "" if item.unit == "-" else f" [{item.unit}]"
+    if item.is_size:
+        return f"`{item.name}`{unit} {item.typical:g} ({item.low:g} to {item.high:g})"
+    return f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+
+
+@every_kind
+def test_the_page_of_effects_states_the_law_its_parameters_and_its_source(kind):
+    (section,) = re.findall(rf"^### {kind.name}\n(.*?)^##", PAGE, re.M | re.S)
+    (row,) = re.findall(rf"^\| {kind.form or '-'} \|.*", section, re.M)
+    law = kind.__doc__.split("\n")[0].replace("|", "\\|")
+    assert f" {kind.component} | {law} " in row
+    for item in kind.parameters():
+        assert _on_the_page(item) in row
+    assert kind.source.rstrip(".") in section
+    assert kind.remedy in section
+
+
 @every_kind
 def test_size_zero_changes_nothing(kind):
     for effect in forms_of(kind()):
@@ -122,7 +170,7 @@ def test_size_zero_changes_nothing(kind):
 
 @every_kind
 def test_typical_size_shows_in_what_the_bench_reads(kind):
-    for effect in _at(kind):
+    for effect in _acting(kind):
         readings, base = (
             model.readings_at(POINTS)
             for model in (replace(BASE, effects=(effect,)), BASE)
@@ -153,7 +201,7 @@ def test_watts_close_with_the_effect_on(kind, part):
 @pytest.mark.parametrize("extreme", [False, True], ids=["typical", "bound"])
 def test_losses_take_power(kind, extreme):
     bare = BASE.breakdown(*POINTS).input_power
-    for form in forms_of(kind()):
+    for form in _acting(kind):
         (item,) = form.sizes()
         effect = form.with_values({item.name: item.high if extreme else item.typical})
         model = replace(BASE, effects=(effect,))

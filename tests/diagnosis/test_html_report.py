@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -16,9 +17,10 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_report
-from hmcvt_core.report.gap_map import estimate, views
+from hmcvt_core.report.gap_map import draw_view, estimate, held_values, views
 from hmcvt_core.report.residuals import stage_rows
 
 from .campaigns import BASE, NOISE, campaign
@@ -28,6 +30,7 @@ PAGES = (
     "no_gap",
     "cause_found",
     "ambiguous",
+    "class",
     "pair",
     "unexplained",
     "holdout",
@@ -42,8 +45,10 @@ HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
 
 @functools.cache
 def diagnosis(name: str) -> Diagnosis:
-    if name == "ambiguous":
+    if name == "class":
         return hmcvt.diagnose(BASE, campaign((ChargePump(6.0),), n=48), noise=NOISE)
+    if name == "ambiguous":
+        return replace(diagnosis("class"), verdict="ambiguous", classes=())
     found = diagnosis("ambiguous")
     first, second, *others = found.causes
     clear = replace(first, indistinguishable_from=())
@@ -469,9 +474,74 @@ def test_map_shows_the_gap_with_its_uncertainty() -> None:
             "ambiguous", f"map-{view[0].name}-{view[1].name}".replace("_", "-")
         )
         assert "estimated gap [points]" in drawn and "<pattern" in drawn  # hatches
+        assert "standard deviation of the estimate [points]" in drawn
         gap = estimate(diagnosis("ambiguous"), view)
         assert gap is not None and (gap.deviation > 0.0).all()
     assert "hatched: less than two standard deviations" in text("ambiguous")
+    assert "dashed contours: bench below model" in text("ambiguous")
+
+
+def test_each_map_states_the_values_of_the_other_axes() -> None:
+    found = diagnosis("ambiguous")
+    stroke, speed, load = found.axes
+    median = float(np.median(found.samples.load_torque))
+    drawn = figure("ambiguous", "map-displacement-ratio-engine-speed")
+    drawn = drawn.replace("\N{NO-BREAK SPACE}", " ")
+    assert f">at load {median:.0f} N·m<" in drawn
+    assert f", at load {median:.0f} N·m; triangles" in drawn
+    assert held_values(found, (stroke, speed)) == {"load_torque": median}
+    gap = estimate(found, (load, speed))
+    assert gap is not None
+    mean, deviation = found.gap_at(
+        np.median(found.samples.displacement_ratio),
+        gap.up * np.pi / 30.0,
+        gap.across,
+    )
+    np.testing.assert_allclose(gap.mean, 100.0 * mean)
+    np.testing.assert_allclose(gap.deviation, 100.0 * deviation)
+
+
+def test_contours_of_a_map_are_round_and_differ_without_colour() -> None:
+    _, axes = plt.subplots()
+    found = diagnosis("ambiguous")
+    draw_view(axes, found, views(found)[2])
+    plt.close(axes.figure)
+    (lines,) = [item for item in axes.collections if item.get_hatch() is None][1:2]
+    assert lines.levels.tolist() == (-lines.levels[::-1]).tolist()
+    step = lines.levels[1] - lines.levels[0]
+    assert step in (0.2, 0.25, 0.5)
+    dashed = [style[1] is not None for style in lines.get_linestyles()]
+    assert dashed == (lines.levels < 0.0).tolist()
+
+
+def test_python_draws_residuals_or_maps() -> None:
+    found = diagnosis("ambiguous")
+    assert len(found.plot().axes) == 2
+    labels = [axes.get_xlabel() for axes in found.plot(of="gap").axes]
+    assert labels.count("engine speed [r/min]") == 2  # the gap, its deviation
+    bars = [label for label in labels if label.endswith("[points]")]
+    assert len(bars) == 6
+    with pytest.raises(hmcvt.InputError, match="none of residuals, gap"):
+        found.plot(of="losses")
+
+
+def test_recorded_temperature_is_an_axis_of_maps() -> None:
+    samples = campaign((OilTemperature(1.0),), n=40, temperature=True)
+    found = hmcvt.diagnose(BASE, samples, noise=NOISE)
+    names = [(across.name, up.name) for across, up in views(found)]
+    assert len(names) == 6
+    assert all("oil_temperature" not in pair for pair in names[:3])
+    assert [pair[1] for pair in names[3:]] == ["oil_temperature"] * 3
+    gap = estimate(found, views(found)[3])
+    assert gap is not None
+    assert np.ptp(gap.mean, axis=0).max() > 0.5  # points, by the oil
+    shown_page = " ".join(html(found).replace("\N{NO-BREAK SPACE}", " ").split())
+    assert "oil temperature [°C]" in shown_page
+    oil = np.median(samples.oil_temperature)
+    assert f"N·m, oil temperature {oil:.0f} °C; triangles" in shown_page
+    # All samples are as warm: nothing is known along this axis.
+    even = replace(samples, oil_temperature=np.full(len(samples), 60.0))
+    assert len(views(replace(found, samples=even))) == 3
 
 
 @functools.cache
@@ -501,7 +571,20 @@ def test_page_and_report_of_several_stages() -> None:
     assert [row[:2] for row in rows] == [("HM3", "16"), ("HM4", "24")]
     assert all(cell in shown for row in rows for cell in row)
     assert shown.count("<h3>By stage</h3>") == 2  # residuals, watts
-    assert ", in stage HM4. Each" in " ".join(shown.split())
+    assert "<h3>Stage HM3</h3>" in shown and "<h3>Stage HM4</h3>" in shown
+    names = re.findall(r'<svg [^>]*id="(map-[a-z0-9-]*)"', shown)
+    assert len(names) == len(set(names)) == 6
+    for number, count in enumerate((16, 24)):
+        drawn = re.search(
+            rf'<svg [^>]*id="map-engine-speed-load-torque-stage-{number}".*?</svg>',
+            shown,
+            re.DOTALL,
+        )
+        assert drawn is not None
+        assert drawn[0].count(" points</title>") == count
+        assert f"stage HM{number + 3}, at displacement" in drawn[0].replace(
+            "\N{NO-BREAK SPACE}", " "
+        )
     lines = found.report().splitlines()
     assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
     assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)

@@ -37,9 +37,19 @@ def _exact(effects, noise=SMALL, n=40, **plan):
     )
 
 
+def _shows(form):
+    with_form = _exact([_typical(form)], temperature=True)
+    without = _exact([], temperature=True)
+    if len(with_form) < len(without):
+        return True
+    return np.abs(with_form.measured - without.measured).max() > 100.0 * SMALL
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_refit_finds_every_effect(name):
-    for form in KINDS[name][:: max(1, len(KINDS[name]) - 1)][:2]:
+    # A form whose threshold no test reaches shows nothing.
+    forms = [form for form in KINDS[name] if _shows(form)]
+    for form in forms[:: max(1, len(forms) - 1)][:2]:
         observed = _exact([_typical(form)], temperature=True)
         found = refit(Hypothesis(SYSTEM, (form,)), observed)
         np.testing.assert_allclose(found.sizes, 1.0, rtol=0.02)

@@ -18,9 +18,14 @@ def _matrix(samples, **options):
     return hmcvt.separable(BASE, samples, **{"noise": NOISE, **options})
 
 
+# More tests reach higher thresholds, whose forms show less than those seen before.
+WITH_THRESHOLD = {"relief_valve", "inlet_starvation", "clutch_slip", "fan_drive"}
+
+
 def _common(*found):
-    """Separation of the effects that all can show, in one order."""
-    names = sorted(set.intersection(*(set(item.effects) for item in found)))
+    """Separation of the effects without threshold that all can show, in one order."""
+    shown = set.intersection(*(set(item.effects) for item in found))
+    names = sorted(shown - WITH_THRESHOLD)
     index = [[item.effects.index(name) for name in names] for item in found]
     return [item.separation[np.ix_(i, i)] for item, i in zip(found, index, strict=True)]
 

@@ -6,16 +6,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import observe
 from hmcvt_core.diagnosis.fitting.cross_validation import (
+    block_assignments,
     cross_validated_errors,
     fold_assignments,
+    session_assignments,
 )
 from hmcvt_core.diagnosis.fitting.evidence import linear_models
-from hmcvt_core.diagnosis.observations import replicate_groups
-from hmcvt_core.diagnosis.results.shrinkage import shrinkage
+from hmcvt_core.diagnosis.observations import (
+    SESSION,
+    replicate_groups,
+    scaled_to_extent,
+)
+from hmcvt_core.diagnosis.results.shrinkage import ExpectedGap, shrinkage
+from hmcvt_core.diagnosis.settings import SHRINKAGE_DRAWS
+from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import campaign, measure, random_points
+from .campaigns import BASE, campaign, measure, random_points
 
 
 def _observed(samples, prior_dof=1e8):
@@ -121,24 +130,144 @@ def test_without_a_gap_there_is_no_fraction(before, significant):
     assert found.interval is None
 
 
-def test_expected_gap_bounds_the_gap():
-    found = shrinkage(
-        np.full(20, 0.004),
-        np.full(20, 0.001),
-        np.array(0.005),
-        "cross-validation",
-        seed=0,
-        expected=np.array([4e-6, 1e-6]),
-    )
-    assert (found.before, found.after, found.fraction) == pytest.approx(
-        (0.002, 0.001, 0.75)
-    )
+def _expected(before, after, samples=20):
+    """Draws of a gap that is as large at every sample."""
+    draws = np.ones((SHRINKAGE_DRAWS, samples))
+    return ExpectedGap(before * draws, after * draws)
+
+
+def test_measured_and_expected_gap_count_alike_but_none_below_the_expected():
+    errors = (np.full(20, 0.02), np.full(20, 0.003), 0.0, "cross-validation", 0)
+    seen = shrinkage(*errors, expected=_expected(0.01, 0.005))
+    assert seen.before**2 == pytest.approx((0.02**2 + 0.01**2) / 2.0)
+    assert seen.after == pytest.approx(0.005), "not below the discrepancy that remains"
+    assert seen.fraction == pytest.approx(1.0 - 0.25e-4 / 2.5e-4)
+    low, high = seen.interval
+    assert low == pytest.approx(0.75), "the posterior alone"
+    assert high == pytest.approx(1.0 - 0.003**2 / 0.02**2), "the errors alone"
+
+
+def test_interval_holds_the_uncertainty_of_the_explanation():
+    errors = (np.full(20, 0.02), np.full(20, 0.01), 0.0, "cross-validation", 0)
+    sure = _expected(0.02, 0.01)
+    after = sure.after.copy()
+    after[::7] = 0.02  # the leading explanation is wrong
+    unsure = ExpectedGap(sure.before, after)
+    assert shrinkage(*errors, expected=sure).interval == pytest.approx((0.75, 0.75))
+    assert shrinkage(*errors, expected=unsure).interval == pytest.approx((0.0, 0.75))
+
+
+def test_interval_counts_blocks_rather_than_samples():
+    rng = np.random.default_rng(0)
+    block = np.repeat(np.arange(6), 16)
+    after = 0.01 * rng.uniform(0.1, 1.9, 6)[block]
+    errors = (np.full(96, 0.02), after, 0.0, "cross-validation", 0)
+    folds = [np.flatnonzero(block == number) for number in range(6)]
+    low, high = shrinkage(*errors, blocks=[folds]).interval
+    low_alone, high_alone = shrinkage(*errors).interval
+    assert high - low > 2.5 * (high_alone - low_alone)
+
+
+def test_sample_without_an_expected_gap_does_not_count():
+    expected = _expected(0.02, 0.01)
+    before, after = expected.before.copy(), expected.after.copy()
+    before[:, :4] = after[:, :4] = np.nan
     seen = shrinkage(
-        np.full(9, 0.04), np.full(9, 0.001), 0.005, "", 0, expected=np.array([0, 1e-4])
+        np.full(20, 0.02),
+        np.full(20, 0.01),
+        0.0,
+        "cross-validation",
+        0,
+        expected=ExpectedGap(before, after),
     )
-    assert seen.after == pytest.approx((1e-4 * 0.005**2 / 0.04**2) ** 0.5), (
-        "hardly hidden"
+    assert seen.fraction == pytest.approx(0.75)
+    assert seen.interval == pytest.approx((0.75, 0.75))
+
+
+def test_noise_above_its_statement_is_gap():
+    points = random_points(5, 64)
+    samples = measure(points, (ChargePump(10.0),), 5, noise=0.006, speed_noise=None)
+    stated = hmcvt.diagnose(BASE, samples, noise=0.002)
+    right = hmcvt.diagnose(BASE, samples, noise=0.006)
+    excess = np.sqrt(0.006**2 - 0.002**2)
+    assert stated.shrinkage.after == pytest.approx(excess, rel=0.4)
+    assert right.shrinkage.after < 0.8 * stated.shrinkage.after
+    assert right.shrinkage.fraction > stated.shrinkage.fraction + 0.1
+
+
+def test_blocks_are_of_neighbours():
+    observed = _observed(campaign(n=96, seed=1))
+    scaled = scaled_to_extent(observed.coordinates)
+    for blocks in block_assignments(observed, 0):
+        assert sorted(np.concatenate(blocks).tolist()) == list(range(96))
+        assert 6 < len(blocks) <= 12
+        within = [scaled[:, block].std(axis=1).mean() for block in blocks]
+        assert np.mean(within) < 0.6 * scaled.std(axis=1).mean()
+    one, same, other = (block_assignments(observed, seed) for seed in (3, 3, 4))
+    assert [part.tolist() for part in one[0]] == [part.tolist() for part in same[0]]
+    assert [part.tolist() for part in one[0]] != [part.tolist() for part in other[0]]
+
+
+def test_few_or_equal_points_make_few_blocks():
+    few = _observed(campaign(n=5, seed=1))
+    assert all(len(blocks) <= 5 for blocks in block_assignments(few, 0))
+    equal = few.select(np.zeros(8, dtype=int))
+    assert [len(blocks) for blocks in block_assignments(equal, 0)] == [1] * 4
+
+
+def _in_sessions(observed, session):
+    points = {**observed.points, SESSION: np.asarray(session, dtype=float)}
+    return replace(observed, points=points)
+
+
+@pytest.mark.parametrize(
+    ("session", "folds"),
+    [
+        ([0.0] * 10 + [1.0] * 10, [range(10), range(10, 20)]),
+        ([1.0, 0.0] * 9 + [-1.0] * 2, [(18, 19), range(1, 18, 2), range(0, 18, 2)]),
+        ([0.0] * 20, None),
+        ([0.0] * 10 + [-1.0] * 10, None),
+        ([-1.0] * 20, None),
+    ],
+    ids=["two", "two and some of none", "one", "one and some of none", "none"],
+)
+def test_whole_sessions_are_left_out(session, folds):
+    observed = _in_sessions(_observed(campaign(n=20, seed=1)), session)
+    assignments = session_assignments(observed)
+    if folds is None:
+        assert assignments == []
+        return
+    (parts,) = assignments
+    assert [part.tolist() for part in parts] == [list(part) for part in folds]
+
+
+def test_without_the_axis_there_are_no_sessions():
+    assert session_assignments(_observed(campaign(n=20, seed=1))) == []
+
+
+def test_zero_of_a_meter_in_a_left_out_session_is_no_error_of_the_model():
+    rng = np.random.default_rng(2)
+    session = np.repeat([0.0, 1.0, 2.0], 20)
+    observed = _in_sessions(_observed(campaign(n=60, seed=1)), session)
+    inside = session[:, None] == np.arange(3.0)
+    zeros = np.array([8.0, -6.0, 4.0])
+    columns = np.concatenate([rng.standard_normal((60, 2)), inside], axis=1)[None]
+    noise = rng.standard_normal((1, 60))
+    target = columns[..., :2] @ np.array([3.0, -2.0]) + inside @ zeros + noise
+    spread = np.array([10.0, 10.0, 6.0, 6.0, 6.0])
+    assignments = session_assignments(observed)
+    model = _linear(observed, columns, target, spread)
+    errors = cross_validated_errors(model, observed, assignments) / 0.01
+    assert np.mean(errors**2) == pytest.approx(1.0, rel=0.25)
+    ignored = _linear(observed, columns[..., :2], target, spread[:2])
+    missed = cross_validated_errors(ignored, observed, assignments) / 0.01
+    assert np.mean(missed**2) > 20.0
+    # An effect that only one session shows is no meter: predicting it fails.
+    effect = _linear(
+        observed, columns, target, spread, signs=[np.nan, np.nan, 0.0, 0.0, 0.0]
     )
+    unknown = cross_validated_errors(effect, observed, assignments) / 0.01
+    assert np.mean(unknown**2) > 20.0
 
 
 def _problem(seed=0, n=30, p=3):

@@ -385,24 +385,24 @@ def test_memory_stays_flat_under_a_flood(node, table2):
 
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "own_effect.py"
-OPEN = GOOD._replace(load_torque=390.0)  # where its valve is open
+TIPPED = GOOD._replace(engine_speed=200.0)  # where its block tips
 
 
 def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, table2):
-    path = tmp_path / "valve.yaml"
+    path = tmp_path / "tipping.yaml"
     data = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).to_mapping()
     data["effects"] = [
         {
-            "effect": "relief_valve",
+            "effect": "tipping_block",
             "parameters": {
-                "leak": {"value": 6e-11, "unit": "m3/(s Pa)"},
-                "cracking": {"value": 6.0, "unit": "MPa"},
+                "leak": {"value": 8e-11, "unit": "m3/(s Pa)"},
+                "tipping": {"value": 210.0, "unit": "rad/s"},
             },
         }
     ]
     path.write_text(yaml.safe_dump(data))
     node = start_node(path, effects_file=EXAMPLE)
-    answer = node.player.hold(OPEN).efficiency
+    answer = node.player.hold(TIPPED).efficiency
     told = subprocess.run(  # in a process of its own: a class stays in the library for good
         [
             sys.executable,
@@ -416,7 +416,7 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
             "--json",
             *(
                 word
-                for name, value in OPEN._asdict().items()
+                for name, value in TIPPED._asdict().items()
                 for word in (f"--{name.replace('_', '-')}", str(value))
             ),
         ],
@@ -428,7 +428,8 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
     assert answer == pytest.approx(json.loads(told.stdout)["efficiency"], rel=1e-9)
     assert (
         answer
-        < hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).efficiency(*OPEN) - 0.001
+        < hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).efficiency(*TIPPED)
+        - 0.001
     )
 
     send_table(node, table2)

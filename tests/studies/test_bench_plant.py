@@ -10,11 +10,13 @@ import hmcvt_core as hmcvt
 from studies.blind.bench.campaign import make_campaign
 from studies.blind.bench.judge import served
 from studies.blind.bench.layouts import LAYOUTS, Machine
+from studies.blind.bench.listed_losses import LISTED_LOSSES
 from studies.blind.bench.plant import Settings
 from studies.blind.bench.programme import draw_programme
 from studies.blind.bench.properties import PROPERTIES, Bench
 from studies.blind.bench.truth import KINDS, draw_hidden
 from studies.blind.bench.unlisted_losses import UNLISTED_LOSSES
+from studies.blind.catalogue import KNOWN_EFFECTS
 
 ALL_OFF = Bench(**dict.fromkeys(PROPERTIES, False))
 
@@ -139,3 +141,18 @@ def test_a_pair_hides_two_effects():
     rng = np.random.default_rng(4)
     assert len(draw_hidden("pair", rng)) == 2
     assert draw_hidden("nothing", rng) == []
+
+
+@pytest.mark.parametrize("name", LISTED_LOSSES)
+def test_a_listed_loss_has_the_name_of_an_effect_and_moves_the_readings(name):
+    assert name in KNOWN_EFFECTS
+    layout = LAYOUTS[0]
+    programme, settings = settings_for(layout)
+    settings = replace(settings, oil_temperature=np.linspace(40.0, 80.0, 60))
+    effect = LISTED_LOSSES[name]().drawn(np.random.default_rng(1))
+    plain = Machine(layout, layout.base)
+    state = replace(plain, effects=(effect,)).run(settings, programme.stage)
+    engine, output = effect.read(state.engine_torque, state.output_torque)
+    ratio = output * state.output_speed / (engine * settings.engine_speed)
+    before = plain.run(settings, programme.stage).efficiency(settings.engine_speed)
+    assert np.nanmax(np.abs(ratio - before)) > 1e-4

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...diagnosis import Advice, Diagnosis, Isolability, diagnose_system, isolability
 from ...diagnosis import next_test as next_test_of_system
-from ...diagnosis.observations import Observations
+from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Points
 from ...errors import InputError
 from ...files.bench import BenchSamples, read_columns
@@ -128,6 +128,8 @@ def _planned_points(
     planned = observe(plan, noise, stages).points
     points = {}
     for name, measured in observed.points.items():
+        if name == SESSION:
+            continue
         usual = np.full(len(plan), np.median(measured))
         points[name] = planned.get(name, usual)
     return points

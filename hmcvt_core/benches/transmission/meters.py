@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...diagnosis.observations import Observations
+from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
 from .channels import LOAD_TORQUE
@@ -142,10 +142,12 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     gain = np.zeros_like(engine)
     gain[0] = observed.measured[0]
     columns = []
+    number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
         inside = sessions.index == session
         if inside.sum() < LEAST_SESSION_SAMPLES:
             continue
+        number[inside] = session
         of_time = inside * sessions.phase
         columns.append(inside * ZERO_DEVIATION * engine)
         columns.append(inside * ZERO_DEVIATION * output)
@@ -155,10 +157,17 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     columns.append(sessions.direction * HYSTERESIS_DEVIATION * engine)
     columns.append(sessions.direction * HYSTERESIS_DEVIATION * output)
     present = [column for column in columns if column.any()]
+    points = observed.points
+    if sessions.count > 1:
+        points = {**points, SESSION: number}
+    shared_errors = None
+    if present:
+        shared_errors = np.stack(present, axis=-1)
     return replace(
         observed,
+        points=points,
         deviation=_with_load_noise(observed, slopes),
-        shared_errors=np.stack(present, axis=-1),
+        shared_errors=shared_errors,
     )
 
 

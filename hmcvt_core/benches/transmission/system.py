@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ...diagnosis.observations import SESSION
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...diagnosis.system import Effect as AnyEffect
 from ...errors import InputError
@@ -45,7 +46,7 @@ LEAST_POWER = 4e3
 
 _COST_OF_MISSING_COLUMN = {
     "output_speed": "losses of flow and of torque look alike",
-    "oil_temperature": "viscosity cannot be judged",
+    "oil_temperature": "viscosity and a fan cannot be judged",
 }
 
 
@@ -106,6 +107,7 @@ class Transmission:
             Shape (3, n); NaN where the model has no answer.
         """
         known: dict[str, Any] = {**points}
+        known.pop(SESSION, None)
         if STAGE.name in known:
             stages = np.array(list(self.model.stages))
             known[STAGE.name] = stages[known[STAGE.name].astype(int)]

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -250,7 +250,8 @@ def diagnose_unit(
         model = diagnosis.causes[0].model
         leading = diagnosis.sets[0].effects
         if diagnosis.verdict in NAMING and deals:
-            same = _deals_led_by(leading, system, observed, seed, progress)
+            twins = diagnosis.twins_of(leading)
+            same = _deals_led_by(twins, system, observed, seed, progress)
         verdict = _verdict(diagnosis, same, doubt)
         if doubt is None and REFERENCE_DISPLACEMENT in leading:
             doubt = _displacement_error(model)
@@ -352,13 +353,13 @@ def _slope(driver: Any, loss: Any, weight: Any) -> float:
 
 
 def _deals_led_by(
-    effects: tuple[str, ...],
+    sets: Collection[tuple[str, ...]],
     system: HydrostaticUnit,
     observed: Observations,
     seed: int,
     progress: Callable[[str], None] | None,
 ) -> int:
-    """Count the deals, each without one part of the samples, in which a set leads."""
+    """Count the deals, each without one part of the samples, in which one of some sets leads."""
     order = np.random.default_rng(seed).permutation(len(observed))
     count = 0
     for i, part in enumerate(np.array_split(order, DEALS), 1):
@@ -371,7 +372,7 @@ def _deals_led_by(
         except InputError:  # too few samples remain for a diagnosis
             continue
         listed = [names for names, _ in advice.candidates if names]
-        if listed and listed[0] == effects:
+        if listed and listed[0] in sets:
             count += 1
     return count
 

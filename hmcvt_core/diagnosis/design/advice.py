@@ -12,6 +12,7 @@ from ...files import preformatted
 from ..selection.search import Names
 from ..system import Axis
 from ..wording import listed, probability, wrapped
+from .classes import EffectClass, merge_sets, with_probabilities
 
 NO_GAP_WORTH_A_TEST = "no gap worth a test"
 SETTLED = "settled"
@@ -88,6 +89,7 @@ class Advice:
             the entry without a name is an unlisted loss.
         no_gap: probability that there is none, or none larger than a base that is a little off.
         axes: of the tests.
+        classes: effects that no test distinguishes.
         notes: on the campaign; why the readings may be of another machine goes first.
         seed: of every random number.
     """
@@ -101,6 +103,7 @@ class Advice:
     candidates: tuple[tuple[Names, float], ...] = ()
     no_gap: float = 0.0
     axes: tuple[Axis, ...] = ()
+    classes: tuple[EffectClass, ...] = ()
     notes: tuple[str, ...] = ()
     seed: int = 0
 
@@ -152,6 +155,10 @@ class Advice:
 
     def report(self) -> str:
         """Return which test to run next, or why to stop, as text for a person."""
+        return "\n".join(wrapped(line) for line in self.lines())
+
+    def lines(self) -> list[str]:
+        """Return the lines of `report`, not wrapped."""
         lines = [f"note: {note}" for note in self.notes]
         if self.stop:
             lines.append(f"stop: {self.reason}")
@@ -166,14 +173,13 @@ class Advice:
             if self.parted:
                 apart = ": distinguishes {} from {}".format(*self.parted)
             lines.append(f"measure: {self.measure}{apart}")
-        candidates = [
-            f"{named(names)} ({probability(p)})" for names, p in self.candidates
-        ]
+        candidates = merge_sets(self.candidates, self.classes)
+        in_words = with_probabilities(candidates, "{0} ({1})")
         lines.append(
-            f"candidates: {', '.join(candidates)}, no gap or a base model slightly off "
+            f"candidates: {', '.join(in_words)}, no gap or a base model slightly off "
             f"({probability(self.no_gap)})"
         )
-        return "\n".join(wrapped(line) for line in lines)
+        return lines
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

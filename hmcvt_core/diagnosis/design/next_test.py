@@ -47,6 +47,7 @@ from .advice import (
     Label,
     NextTest,
 )
+from .classes import EffectClass, merge_sets
 
 _LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose reports"
 
@@ -58,20 +59,25 @@ class Candidate:
     Attributes:
         label: the conclusion.
         explanation: the likeliest explanation with this label.
-        probability: of all explanations with this label.
+        probability: of all explanations with this label, and of the twins.
+        twins: less probable sets that no test distinguishes from it.
     """
 
     label: Label
     explanation: Explanation
     probability: float
+    twins: tuple[Candidate, ...] = ()
 
 
-def advise(posterior: Posterior, possible: Points) -> Advice:
+def advise(
+    posterior: Posterior, possible: Points, classes: Sequence[EffectClass] = ()
+) -> Advice:
     """Choose the next tests, each knowing of those before it.
 
     Args:
         posterior: over the explanations.
         possible: the tests that can be run, by axis.
+        classes: effects that no test distinguishes; no test is chosen to do so.
     """
     candidates = candidates_of(posterior)
     *explaining, no_gap = candidates
@@ -81,6 +87,7 @@ def advise(posterior: Posterior, possible: Points) -> Advice:
         candidates=tuple((item.label.effects, item.probability) for item in explaining),
         no_gap=no_gap.probability,
         axes=base.observed.steered,
+        classes=tuple(classes),
     )
     if no_gap.probability >= SETTLED_PROBABILITY:
         return replace(advice, reason=NO_GAP_WORTH_A_TEST)
@@ -88,6 +95,7 @@ def advise(posterior: Posterior, possible: Points) -> Advice:
     if leading.probability >= SETTLED_PROBABILITY:
         measure = _LOOK_AT_REGIONS if leading.label.kind is Kind.UNLISTED else None
         return replace(advice, reason=SETTLED, measure=measure)
+    candidates = [*with_twins(explaining, classes), no_gap]
     design = _Design.of(candidates, base, possible)
     if design is None:
         measure = "none of the tests can be carried"
@@ -95,7 +103,7 @@ def advise(posterior: Posterior, possible: Points) -> Advice:
     pair = _confused_pair(candidates, design)
     if pair is not None:
         one, other = pair
-        measure = _remedy(one, other)
+        measure = _remedy(one, other, classes)
         if measure:
             parted = (str(one.label), str(other.label))
             return replace(
@@ -114,17 +122,59 @@ def _confused_pair(
     None where such sets have less than half of the probability: tests are worth making then.
     """
     labels = [item.label for item in candidates]
-    confused = indistinguishable(design.predictions, labels, design.probabilities)
+    confused = {}
+    for i, j in indistinguishable(
+        design.predictions, labels, design.probabilities
+    ).items():
+        confused[i] = candidates[j]
+    for i, item in enumerate(candidates):
+        if item.twins:
+            confused[i] = item.twins[0]
     if design.probabilities[list(confused)].sum() <= DESIGN_MAJORITY:
         return None
     first = min(confused)
-    return candidates[first], candidates[confused[first]]
+    return candidates[first], confused[first]
 
 
-def _remedy(one: Candidate, other: Candidate) -> str:
-    """Return the measurements that settle which of two sets is present; empty if none is known."""
+def with_twins(
+    candidates: Sequence[Candidate], classes: Sequence[EffectClass]
+) -> list[Candidate]:
+    """Merge candidates that differ only by members of a class, most probable first.
+
+    The most probable of them represents them.
+
+    Args:
+        candidates: most probable first.
+        classes: effects that no test distinguishes.
+    """
+    listed: dict[tuple[str, ...], Candidate] = {}
+    merged = []
+    for item in candidates:
+        if item.label.kind is Kind.LISTED:
+            listed[item.label.effects] = item
+        else:
+            merged.append(item)
+    sets = [(names, item.probability) for names, item in listed.items()]
+    for class_set in merge_sets(sets, classes):
+        first, *others = (listed[names] for names in class_set.sets)
+        merged.append(
+            replace(first, probability=class_set.probability, twins=tuple(others))
+        )
+    return sorted(merged, key=lambda item: -item.probability)
+
+
+def _remedy(one: Candidate, other: Candidate, classes: Sequence[EffectClass]) -> str:
+    """Return the measurements that settle which of two sets is present; empty if none is known.
+
+    Of a class all members are settled, the first to check first.
+    """
     differing = set(one.explanation.names) ^ set(other.explanation.names)
     remedies: list[str] = []
+    for effect_class in classes:
+        if len(differing.intersection(effect_class.members)) > 1:
+            remedies += effect_class.remedies
+    if remedies:
+        return "; or ".join(filter(None, dict.fromkeys(remedies)))
     for effect in (*one.explanation.fit.effects, *other.explanation.fit.effects):
         known = effect.remedy in remedies
         if effect.name in differing and effect.remedy and not known:

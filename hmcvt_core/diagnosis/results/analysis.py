@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..detection.regions import Regions
 from ..detection.significance import Significance
 from ..fitting.refit import Fit
@@ -25,12 +26,14 @@ class Analysis:
         boxes: candidate regions.
         detection: significance of the gap and of each region.
         seed: of every random number.
+        classes: effects that no test distinguishes.
     """
 
     posterior: Posterior
     boxes: Regions
     detection: Significance
     seed: int
+    classes: tuple[EffectClass, ...] = ()
 
     @property
     def base(self) -> Fit:
@@ -46,6 +49,16 @@ class Analysis:
     def leading(self) -> tuple[Explanation, float]:
         """The most probable set of listed effects, and its probability."""
         return next(iter(self.posterior.sets.values()))
+
+    @cached_property
+    def leading_class_set(self) -> ClassSet:
+        """The most probable set, and those that no test distinguishes from it."""
+        leading, _ = self.leading
+        sets = [(names, p) for names, (_, p) in self.posterior.sets.items()]
+        for item in merge_sets(sets, self.classes):
+            if leading.names in item.sets:
+                return item
+        raise KeyError(leading.names)
 
     @cached_property
     def expected_gap(self) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ class Diagnosis(Outcome):
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
             "sets": [_fields(item) for item in self.sets],
+            "classes": [item.to_dict() for item in self.classes],
             "unlisted_probability": self.unlisted,
             "shrinkage": _fields(self.shrinkage),
             "delivered": _fields(self.delivered),
@@ -47,20 +48,22 @@ class Diagnosis(Outcome):
         """Return the outcome as text for a person, at most 100 columns wide."""
         return report(self)
 
-    def plot(self, ax: Any = None) -> Any:
-        """Draw the residuals before and after.
+    def plot(self, ax: Any = None, *, of: str = "residuals") -> Any:
+        """Draw the residuals before and after, or the maps of the estimated gap.
 
         Args:
-            ax: matplotlib Axes to draw into, those after where a cause is named, else those
-                before; None makes a figure of both.
+            ax: matplotlib Axes to draw into: the residuals after where a cause is named, else
+                those before; or the first map. None makes a figure of all.
+            of: `residuals`, or `gap` for `gap_at` with its standard deviation over every pair of
+                axes.
 
         Returns:
             The matplotlib figure.
 
         Raises:
-            InputError: matplotlib is missing.
+            InputError: `of` names no picture, or matplotlib is missing.
         """
-        return picture(self, ax=ax)
+        return picture(self, of=of, ax=ax)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

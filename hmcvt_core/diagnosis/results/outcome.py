@@ -11,7 +11,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..design.advice import Advice, NextTest
-from ..observations import Observations
+from ..design.classes import ClassSet, EffectClass, merge_sets
+from ..observations import SESSION, Observations
 from ..selection.posterior import Posterior
 from ..settings import UNEXPLAINED_PROBABILITY
 from ..system import Array, Axis, Channel
@@ -143,8 +144,7 @@ class ShrinkageSummary:
 
     Attributes:
         before: root of the mean squared error above noise of the base model; 0 where it is below
-            the noise, but by cross-validation at least the model-averaged gap (`gap_at`), weighted
-            by the noise fraction.
+            the noise, but by cross-validation at least the gap that all explanations expect.
         after: the same with the effects added.
         fraction: 1 - G2_after / G2_before, or None where there is no gap before.
         interval: of `fraction`, 95 %, or None.
@@ -183,6 +183,7 @@ class Outcome:
         verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
         causes: effects that may be present, those of the leading set first.
         sets: sets of effects, most probable first.
+        classes: effects that no test distinguishes, most probable class first.
         shrinkage: how far the gap shrinks with the leading set.
         delivered: errors of the models before and after.
         next_tests: tests and measurements that distinguish what is still open.
@@ -211,6 +212,7 @@ class Outcome:
     verdict: str
     causes: tuple[Cause, ...]
     sets: tuple[CauseSet, ...]
+    classes: tuple[EffectClass, ...]
     shrinkage: ShrinkageSummary
     delivered: Delivered
     next_tests: tuple[NextTest, ...]
@@ -280,7 +282,7 @@ class Outcome:
         observed = self._observed
         steered = [axis.name for axis in self.axes]
         # A coordinate that all samples share is recorded without an axis.
-        known = list(observed.points)
+        known = [name for name in observed.points if name != SESSION]
         given = {**dict(zip(steered, coordinates, strict=False)), **named}
         for name in steered:
             if name not in given:
@@ -297,6 +299,26 @@ class Outcome:
         mean, deviation = self.posterior.gap_at(points)
         shape = rows[0].shape
         return mean.reshape(shape), deviation.reshape(shape)
+
+    @property
+    def class_sets(self) -> tuple[ClassSet, ...]:
+        """`sets` merged where they differ only by members of a class, most probable first."""
+        sets = [(item.effects, item.probability) for item in self.sets]
+        return merge_sets(sets, self.classes)
+
+    def class_of(self, cause: Cause) -> EffectClass | None:
+        """Return the class of a cause, if tests do not distinguish it from others."""
+        for item in self.classes:
+            if (cause.effect, cause.form) in zip(item.members, item.forms, strict=True):
+                return item
+        return None
+
+    def twins_of(self, effects: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+        """Return the sets that no test distinguishes from one of `sets`, itself included."""
+        for item in self.class_sets:
+            if effects in item.sets:
+                return item.sets
+        raise KeyError(effects)
 
     @property
     def merely_off(self) -> bool:

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..design.advice import named
+from ..design.classes import with_probabilities
 from ..settings import REGION_SIGNIFICANCE
 from ..system import Axis
-from ..wording import fixed, listed, percent, plain, probability
-from .outcome import CauseSet, Outcome, Region
+from ..wording import fixed, listed, percent, plain
+from .outcome import Outcome, Region
 
 WIDE_PART = 0.75
 """Part of the range of an axis from which a region is not special along it. Chosen for reading."""
@@ -21,6 +22,7 @@ OUTSTANDING_PROBABILITY = 0.3
 MENTIONED_PROBABILITY = 0.03
 MOST_MENTIONED_SETS = 4
 """Sets that the verdict mentions: how probable at least, and how many at most."""
+_WITH_PROBABILITY = "{0} ({1})"
 LONGEST_HEADLINE = 25
 """Words of the sentence for the mechanic, beyond which it leaves out what to do."""
 
@@ -46,10 +48,12 @@ def mechanic(outcome: Outcome) -> str:
     if outcome.named.component == "sensor":
         cost = "a meter, not a loss"
     statement = f"{_suspects(outcome)}, {cost}"
-    remedy = (outcome.advice.measure or outcome.named.remedy).split("; or ")[0]
-    with_remedy = f"{statement}: {remedy}."
-    if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
-        return with_remedy
+    remedies = outcome.advice.measure or outcome.named.remedy
+    first_remedy = remedies.split("; or ")[0]
+    for remedy in (first_remedy, first_remedy.split(";")[0]):
+        with_remedy = f"{statement}: {remedy}."
+        if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
+            return with_remedy
     return f"{statement}."
 
 
@@ -62,12 +66,15 @@ def _cost(outcome: Outcome) -> str:
 
 
 def _suspects(outcome: Outcome) -> str:
-    names = [plain(name) for name in outcome.sets[0].effects]
-    together = listed(names, "and")
+    leading, *others = outcome.class_sets
+    parts = [listed([plain(name) for name in part]) for part in leading.alternatives]
+    together = listed(parts, "and")
     if outcome.verdict != "ambiguous":
         return f"Probably {together}"
-    if len(outcome.sets) > 1 and len(names) == 1:
-        return f"Perhaps {together}, perhaps {named(outcome.sets[1].effects)}"
+    if len(leading.sets) > 1:
+        return f"Perhaps {together}"
+    if others and len(parts) == 1:
+        return f"Perhaps {together}, perhaps {others[0]}"
     return f"Perhaps {together}, or others"
 
 
@@ -90,7 +97,12 @@ def verdict(outcome: Outcome) -> str:
             f"{difference}. No effect in the library explains it by itself"
             f"{_best_listed(outcome)}."
         )
-    return f"{difference}; {_explanation(outcome)}. {_removed(outcome)}"
+    sentences = [
+        f"{difference}; {_explanation(outcome)}.",
+        *_classes(outcome),
+        _removed(outcome),
+    ]
+    return " ".join(sentences)
 
 
 def _best_listed(outcome: Outcome) -> str:
@@ -155,26 +167,33 @@ def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
 
 def _explanation(outcome: Outcome) -> str:
     """Say which sets explain the gap."""
-    leading = outcome.sets[0]
+    class_sets = outcome.class_sets
+    leading = class_sets[0]
     if outcome.verdict == "cause_found":
-        verb = "explain" if len(leading.effects) > 1 else "explains"
-        return f"{_with_probability(leading)} {verb} it"
+        verb = "explain" if len(leading.alternatives) > 1 else "explains"
+        (first,) = with_probabilities([leading], _WITH_PROBABILITY)
+        return f"{first} {verb} it"
     if leading.probability < OUTSTANDING_PROBABILITY:
-        first = [_with_probability(item) for item in outcome.sets[:3]]
+        sets = with_probabilities(class_sets[:3], _WITH_PROBABILITY)
         return (
-            f"several sets of causes remain possible, among them {listed(first, 'and')}"
+            f"several sets of causes remain possible, among them {listed(sets, 'and')}"
         )
     mentioned = [
-        _with_probability(item)
-        for item in outcome.sets
-        if item.probability >= MENTIONED_PROBABILITY
+        item for item in class_sets if item.probability >= MENTIONED_PROBABILITY
     ]
-    others = listed(mentioned[1:MOST_MENTIONED_SETS]) or named(())
-    return f"{mentioned[0]} explains it best, but these data cannot distinguish it from {others}"
+    best, *others = with_probabilities(
+        mentioned[:MOST_MENTIONED_SETS], _WITH_PROBABILITY
+    )
+    rivals = listed(others) or named(())
+    return (
+        f"{best} explains it best, but these data cannot distinguish it from {rivals}"
+    )
 
 
-def _with_probability(item: CauseSet) -> str:
-    return f"{named(item.effects)} ({probability(item.probability)})"
+def _classes(outcome: Outcome) -> list[str]:
+    """Say which effects of the leading set no test distinguishes from others."""
+    leading = outcome.class_sets[0].alternatives
+    return [item.sentence for item in outcome.classes if item.members in leading]
 
 
 def _removed(outcome: Outcome) -> str:

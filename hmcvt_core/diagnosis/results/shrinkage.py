@@ -1,31 +1,44 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""How far the gap shrinks, from errors at samples that the fit has not seen.
+r"""How far the gap shrinks, promised for operating points and sessions not yet measured.
 
-.. math:: G^2 = \overline{e^2} - \sigma^2, \qquad S = 1 - G^2_{after} / G^2_{before}
+.. math:: S = 1 - G^2_{after} / G^2_{before}
 
-e are errors of prediction at the same points, sigma is the noise.
+G^2 is the mean square of what the machine does differently from a model. By cross-validation it is
+estimated twice:
+
+- measured: the mean squared error at samples left out, less the noise. The folds are random points,
+  blocks of neighbouring points, and whole sessions;
+- expected: the mean square of the gap by the posterior over all explanations, each with an
+  allowance for its forms. It holds what no fold shows: which explanation is right, and that
+  coefficients fitted to few samples are uncertain.
+
+Both count alike, but no G^2 is promised below the expected one. The interval pools the
+distributions of both (linear opinion pool; Stone 1961, Ann. Math. Stat. 32, 1339), so that it is
+wide where they disagree. On a holdout, G^2 is the measured one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ..fitting.cross_validation import cross_validated_errors, fold_assignments
+from ..fitting.cross_validation import (
+    Fold,
+    block_assignments,
+    cross_validated_errors,
+    fold_assignments,
+    session_assignments,
+)
 from ..fitting.refit import Fit
 from ..observations import Observations
 from ..preparation import describe_samples
 from ..selection.explanation import Explanation
-from ..settings import (
-    LEAST_SHRINKAGE,
-    NO_ANSWER,
-    ROUNDING,
-    SHRINKAGE_DRAWS,
-    SHRINKAGE_TAIL,
-)
+from ..settings import LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_DRAWS, SHRINKAGE_TAIL
 from ..system import Array
 from .analysis import Analysis, rms
 from .outcome import ShrinkageSummary
@@ -50,6 +63,19 @@ class Measurement:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class ExpectedGap:
+    """Draws of the gap from the posterior over all explanations.
+
+    Attributes:
+        before: of the base model, shape (draws, n); NaN where a drawn explanation has no answer.
+        after: of the model with effects added, same shape.
+    """
+
+    before: Array
+    after: Array
+
+
 class CrossValidation:
     """Errors of explanations at samples left out, and how far each shrinks the gap.
 
@@ -61,16 +87,18 @@ class CrossValidation:
         self.analysis = analysis
         observed = analysis.base.observed
         self._assignments = fold_assignments(observed, analysis.seed)
+        self._blocks = block_assignments(observed, analysis.seed)
+        self._sessions = session_assignments(observed)
         self._errors: dict[Explanation, Array] = {}
         self._shrinkage: dict[Explanation, ShrinkageSummary] = {}
 
     @property
     def base_errors(self) -> Array:
-        """Errors of the base model, shape (n,)."""
+        """Errors of the base model with random folds, shape (n,)."""
         return self.errors(self.analysis.posterior.base_only)
 
     def errors(self, explanation: Explanation) -> Array:
-        """Return errors of the first channel at samples left out, shape (n,).
+        """Return errors of the first channel at samples left out at random, shape (n,).
 
         A fold does not hold a size at its bound as the served fit does; the larger errors count.
         """
@@ -88,29 +116,80 @@ class CrossValidation:
         """Return how far the gap shrinks with an explanation held in every fold."""
         if explanation not in self._shrinkage:
             self._shrinkage[explanation] = shrinkage(
-                self.base_errors,
-                self.errors(explanation),
-                self.analysis.noise,
+                self._errors_of_all_folds(self.analysis.posterior.base_only),
+                self._errors_of_all_folds(explanation),
+                self._believed_noise,
                 "cross-validation",
                 self.analysis.seed,
-                expected=self._expected_squares(explanation),
+                blocks=[*self._blocks, *self._sessions],
+                expected=self._expected(explanation),
             )
         return self._shrinkage[explanation]
 
-    def _expected_squares(self, explanation: Explanation) -> Array:
-        """Mean squares of the model-averaged gap before and after an explanation, shape (2,)."""
-        mean, deviation = self.analysis.expected_gap
-        before = _residuals(self.analysis.base)
-        after = _residuals(explanation.served_fit)
-        squares = [mean**2, (mean - before + after) ** 2] + deviation**2
-        return np.asarray(np.nanmean(squares, axis=1))
+    def _errors_of_all_folds(self, explanation: Explanation) -> Array:
+        """Return root mean squares of the errors with random folds, blocks and sessions, (n,)."""
+        kinds = [self.errors(explanation)]
+        for assignments in (self._blocks, self._sessions):
+            if assignments:
+                kinds.append(
+                    cross_validated_errors(
+                        explanation.plain_model,
+                        self.analysis.base.observed,
+                        assignments,
+                    )
+                )
+        return np.asarray(np.sqrt(np.mean(np.square(kinds), axis=0)))
+
+    @property
+    def _believed_noise(self) -> Array:
+        """Noise of the first channel, shape (n,), not above its statement.
+
+        What exceeds a stated noise counts as gap: a fit explains away as noise what it misses.
+        """
+        observed = self.analysis.base.observed
+        if observed.assumed:
+            return self.analysis.noise
+        return np.minimum(self.analysis.noise, observed.deviation[0])
+
+    def _expected(self, explanation: Explanation) -> ExpectedGap:
+        """Return draws of the gap before and after an explanation is added."""
+        observed = self.analysis.base.observed
+        base = _errors_at(observed, self.analysis.base)
+        served = _errors_at(observed, explanation.served_fit)
+        return ExpectedGap(self._gap_draws, self._gap_draws - base + served)
+
+    @cached_property
+    def _gap_draws(self) -> Array:
+        """Draws of the gap of the base model at the samples, shape (draws, n).
+
+        An explanation is drawn by its probability, then its coefficients from their posterior.
+        """
+        observed = self.analysis.base.observed
+        entries = self.analysis.posterior.relevant.entries
+        probabilities = [probability for _, probability in entries]
+        rng = np.random.default_rng(self.analysis.seed)
+        drawn = rng.choice(len(entries), SHRINKAGE_DRAWS, p=probabilities)
+        draws = np.empty((SHRINKAGE_DRAWS, len(observed)))
+        for i in np.unique(drawn):
+            explanation, _ = entries[i]
+            prediction = explanation.prediction_at(observed, with_allowances=True)
+            rows = np.flatnonzero(drawn == i)
+            root = _root(prediction.covariance)
+            change = rng.standard_normal((len(rows), root.shape[1])) @ root.T
+            draws[rows] = prediction.mean[0] + change @ prediction.columns[0].T
+        # Predicted minus measured, and measured minus base.
+        base = _errors_at(observed, self.analysis.base)
+        return np.asarray(draws * observed.deviation[0] + base)
 
 
-def _residuals(fit: Fit) -> Array:
-    """Residuals of the first channel, shape (n,); NaN where the model has no answer."""
-    whitened = fit.whitened[0]
-    residuals = whitened * fit.observed.deviation[0]
-    return np.where(whitened == NO_ANSWER, np.nan, residuals)
+def _root(covariance: Array) -> Array:
+    """Return a matrix whose product with its transpose is a covariance, shape (p, p).
+
+    Units of coefficients differ by orders of magnitude, so the correlations are factored.
+    """
+    deviation = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
+    return np.asarray(deviation[:, None] * vectors * np.sqrt(values.clip(0.0)))
 
 
 def measure_shrinkage(
@@ -178,6 +257,7 @@ def _on_holdout(analysis: Analysis, held_out: Observations) -> Measurement:
 
 
 def _errors_at(observed: Observations, fit: Fit) -> Array:
+    """Return measured minus predicted of the first channel; NaN without an answer, shape (n,)."""
     predicted = fit.hypothesis.predict(fit.theta, observed.points)[0]
     return np.asarray(observed.measured[0] - predicted)
 
@@ -189,7 +269,9 @@ def shrinkage(
     on: str,
     seed: int,
     significant: bool = True,
-    expected: Array | float = 0.0,
+    *,
+    blocks: Sequence[Sequence[Fold]] = (),
+    expected: ExpectedGap | None = None,
 ) -> ShrinkageSummary:
     """Return how far the gap shrinks, from errors on data not used for the fit.
 
@@ -198,23 +280,24 @@ def shrinkage(
         after: the same with effects added, shape (n,).
         noise: standard deviation of the first channel at each, shape (n,) or scalar.
         on: where the errors come from.
-        seed: of the bootstrap over points.
+        seed: of the bootstrap.
         significant: whether there is a gap at all; without one `fraction` is None.
-        expected: mean squares of the model-averaged gap before and after, shape (2,). Weighted by
-            the noise fraction, the part of the noise in the squared errors before, they bound G^2
-            from below: errors within the noise show no gap.
+        blocks: assignments of the samples to blocks, which are drawn whole; single samples are
+            drawn if there are none.
+        expected: draws of the gap by the posterior; None counts the errors alone.
     """
     variances = np.broadcast_to(np.square(noise), before.shape)
     squares = np.stack([before**2, after**2], axis=1) - variances[:, None]
-    measured = np.maximum(squares.mean(axis=0), 0.0)
-    variance = np.mean(np.square(noise))
-    total_before = max(variance + measured[0], ROUNDING**2)
-    gap_squares = np.maximum(measured, expected * variance / total_before)
+    gap_squares = np.maximum(squares.mean(axis=0), 0.0)
+    if expected is not None:
+        of_posterior = _mean_squares(expected).mean(axis=0)
+        beyond = np.maximum(gap_squares - of_posterior, 0.0)
+        gap_squares = of_posterior + beyond / 2.0
     fraction = None
     interval = None
     if significant and gap_squares[0] > 0.0:
         fraction = float(_fractions(gap_squares[None])[0])
-        interval = _interval(squares, fraction, seed)
+        interval = _interval(squares, fraction, seed, blocks, expected)
     root_before, root_after = np.sqrt(gap_squares).tolist()
     return ShrinkageSummary(root_before, root_after, fraction, interval, on)
 
@@ -226,16 +309,78 @@ def _fractions(squares: Array) -> Array:
     return np.clip(1.0 - after / before, LEAST_SHRINKAGE, 1.0)
 
 
-def _interval(squares: Array, fraction: float, seed: int) -> tuple[float, float] | None:
-    """Bootstrap interval of a fraction, widened to contain it; None where no draw has a gap."""
-    rng = np.random.default_rng(seed)
-    n = len(squares)
-    draws = np.stack(
-        [squares[rng.integers(0, n, n)].mean(axis=0) for _ in range(SHRINKAGE_DRAWS)]
-    )
+def _interval(
+    squares: Array,
+    fraction: float,
+    seed: int,
+    blocks: Sequence[Sequence[Fold]],
+    expected: ExpectedGap | None,
+) -> tuple[float, float] | None:
+    """Return the interval of a fraction, widened to contain it; None where no draw has a gap.
+
+    Args:
+        squares: squared errors before and after less the noise, shape (n, 2).
+        fraction: the estimate.
+        seed: of the bootstrap.
+        blocks: as of `shrinkage`.
+        expected: as of `shrinkage`; every other draw is one of the posterior.
+    """
+    weights = _bootstrap_weights(len(squares), seed, blocks)
+    draws = weights @ squares
+    if expected is not None:
+        draws[1::2] = _mean_squares(expected, weights)[1::2]
     draws = draws[draws[:, 0] > 0.0]
     if not len(draws):
         return None
     tails = [SHRINKAGE_TAIL, 1.0 - SHRINKAGE_TAIL]
     low, high = np.quantile(_fractions(draws), tails).tolist()
     return min(low, fraction), max(high, fraction)
+
+
+def _mean_squares(expected: ExpectedGap, weights: Array | None = None) -> Array:
+    """Return mean squares of drawn gaps before and after, shape (draws, 2).
+
+    Args:
+        expected: the draws.
+        weights: of the samples in each draw, shape (draws, n); even if None.
+    """
+    columns = []
+    for gap in (expected.before, expected.after):
+        answered = np.isfinite(gap) & np.isfinite(expected.before)
+        weight = answered if weights is None else weights * answered
+        total = np.sum(weight * np.where(answered, gap, 0.0) ** 2, axis=1)
+        columns.append(total / np.maximum(weight.sum(axis=1), ROUNDING))
+    return np.stack(columns, axis=1)
+
+
+def _bootstrap_weights(n: int, seed: int, blocks: Sequence[Sequence[Fold]]) -> Array:
+    """Return weights of samples in draws with replacement, rows summing to 1, shape (draws, n).
+
+    Samples of one block share what they deviate by, so blocks are drawn whole (block bootstrap;
+    Kuensch 1989, Ann. Stat. 17, 1217). The assignments take turns.
+
+    Args:
+        n: number of samples.
+        seed: of the draws.
+        blocks: as of `shrinkage`.
+    """
+    rng = np.random.default_rng(seed)
+    weights = np.empty((SHRINKAGE_DRAWS, n))
+    labels = [np.arange(n)]
+    if blocks:
+        labels = [_labels(n, folds) for folds in blocks]
+    for draw in range(SHRINKAGE_DRAWS):
+        # In pairs: every other draw is one of the posterior.
+        label = labels[draw // 2 % len(labels)]
+        count = int(label.max()) + 1
+        drawn = np.bincount(rng.integers(0, count, count), minlength=count)
+        weights[draw] = drawn[label]
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _labels(n: int, folds: Sequence[Fold]) -> Fold:
+    """Return the number of the fold of each sample, shape (n,)."""
+    label = np.empty(n, dtype=np.intp)
+    for number, fold in enumerate(folds):
+        label[fold] = number
+    return label

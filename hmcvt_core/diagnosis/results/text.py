@@ -10,6 +10,7 @@ from typing import Any
 
 from ..design.advice import Advice, NextTest, point_in_words
 from ..design.advice import named as named
+from ..design.classes import with_probabilities
 from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
 from ..system import Array
 from ..wording import AT_MOST as AT_MOST
@@ -153,11 +154,10 @@ def _residuals(outcome: Outcome, residuals: Array) -> str:
 def _cause_lines(outcome: Outcome) -> list[str]:
     if not outcome.causes:
         return []
-    sets = [
-        f"{named(item.effects)} {probability(item.probability)}"
-        for item in outcome.sets
-        if item.probability >= REPORTED_PROBABILITY
+    reported = [
+        item for item in outcome.class_sets if item.probability >= REPORTED_PROBABILITY
     ][:REPORTED_SETS]
+    sets = with_probabilities(reported, "{0} {1}")
     sets.append(f"something unlisted {probability(outcome.unlisted)}")
     lines = [f"sets       {', '.join(sets)}", "causes     probability over all sets"]
     for cause in outcome.causes[:DETAILED_CAUSES]:

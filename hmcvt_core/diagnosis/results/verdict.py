@@ -24,7 +24,7 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
         else:
             note = "no set of listed effects explains the gap: look at the regions"
         return "unexplained", (note,)
-    _, probability = analysis.leading
+    probability = analysis.leading_class_set.probability
     verdict = "ambiguous"
     if probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis):
         verdict = "cause_found"
@@ -36,10 +36,14 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
 
 
 def _has_rival(analysis: Analysis) -> bool:
-    """Whether the readings, without the priors, leave another set of the same size possible."""
+    """Whether the readings, without the priors, leave another set of the same size possible.
+
+    A set that no test distinguishes from the leading one is no rival.
+    """
     leading, _ = analysis.leading
+    twins = analysis.leading_class_set.sets
     for names, (explanation, _) in analysis.posterior.sets.items():
-        if explanation is leading or len(names) != len(leading.names):
+        if names in twins or len(names) != len(leading.names):
             continue
         if explanation.log_evidence > leading.log_evidence - RIVAL_SET_MARGIN:
             return True

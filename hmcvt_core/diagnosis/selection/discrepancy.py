@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -122,21 +123,36 @@ class Columns(NamedTuple):
         )
 
 
-def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> Columns:
+class Exact(Enum):
+    """What of an explanation is exact to the noise, and so has no allowance."""
+
+    NOTHING = 0
+    BASE = 1
+    BASE_AND_FORMS = 2
+
+
+def allowed_columns(
+    fit: Fit, campaign: Observations, sizes: Array | float, exact: Exact
+) -> Columns:
     """Return the columns of a refit with allowances for an inexact base and inexact forms.
 
     Args:
         fit: a refit.
         campaign: whose extent scales the smooth functions.
         sizes: prior standard deviations of the sizes, in typical sizes.
+        exact: what has no allowance.
 
     Returns:
         Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect.
     """
     ungrouped = np.full(len(fit.theta), -1)
     columns = Columns(fit.jacobian, fit.hypothesis.spread(sizes), ungrouped)
+    if exact is Exact.BASE_AND_FORMS:
+        return columns
     base, spread, group = base_discrepancy(campaign)
-    columns = columns.with_further(Columns(base.columns(fit.observed), spread, group))
+    if exact is Exact.NOTHING:
+        of_base = Columns(base.columns(fit.observed), spread, group)
+        columns = columns.with_further(of_base)
     smooth = campaign.smooth
     # A constant factor on a signature is its size.
     is_bend = (smooth.degree > 0) & (smooth.degree <= FORM_ALLOWANCE_DEGREE)

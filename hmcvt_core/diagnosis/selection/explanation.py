@@ -33,7 +33,13 @@ from ..settings import (
     SIZE_SPREADS,
 )
 from ..system import Array
-from .discrepancy import Columns, Discrepancy, allowed_columns, base_discrepancy
+from .discrepancy import (
+    Columns,
+    Discrepancy,
+    Exact,
+    allowed_columns,
+    base_discrepancy,
+)
 from .prediction import Prediction
 
 
@@ -44,11 +50,13 @@ class Explanation:
     Attributes:
         fit: the refit near which it is linear.
         model: the linear model with its most likely allowances, at the widest prior of its sizes.
-            Coefficients in order: theta, base discrepancy, form discrepancies, `discrepancy`.
+            Coefficients in order: theta, base discrepancy, form discrepancies, each unless
+            `exact`, `discrepancy`.
         plain_model: without allowances, at the most likely prior of its sizes. Coefficients in
             order: theta, `discrepancy`.
-        log_evidence: averaged over the prior scales [nats].
+        log_evidence: averaged over the prior scales, and over what is exact [nats].
         discrepancy: a discrepancy in addition to the effects, or None.
+        exact: what is likeliest to be exact.
     """
 
     fit: Fit
@@ -56,6 +64,7 @@ class Explanation:
     plain_model: LinearModel
     log_evidence: float
     discrepancy: Discrepancy | None = None
+    exact: Exact = Exact.NOTHING
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -113,7 +122,9 @@ class Explanation:
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
         observed = self.fit.observed
-        bends_begin = theta_count + len(observed.channels) * len(observed.smooth.powers)
+        bends_begin = theta_count
+        if self.exact is Exact.NOTHING:
+            bends_begin += len(observed.channels) * len(observed.smooth.powers)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
@@ -147,7 +158,9 @@ class Explanation:
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowed_columns(at_points, fit.observed, 1.0).columns
+            columns = allowed_columns(
+                at_points, fit.observed, 1.0, self.exact
+            ).columns
         # The prediction is of the machine: errors of meters are no part of it.
         columns = columns.copy()
         columns[..., fit.hypothesis.shared] = 0.0
@@ -179,31 +192,45 @@ def explain_by_base(base: Fit) -> Explanation:
 def explain(fit: Fit) -> Explanation:
     """Return the explanation of a refitted set of effects, with its allowances.
 
-    Its evidence is the mean over the prior scales of the sizes.
+    Its evidence is the mean over the prior scales of the sizes, and over what is exact.
     """
     observed = fit.observed
     sizes = fit.hypothesis.size_indices
     signs = fit.hypothesis.signs
     widest = np.full(len(sizes), max(SIZE_SPREADS))
-    allowed = allowed_columns(fit, observed, widest)
-    # The moment prior enters with the scale of the sizes, below.
-    model = fitted_model(
-        observed, allowed.columns, fit.target, allowed.spread, allowed.group
-    )
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
-    change = change_of_prior_scale(
-        model.mean[sizes],
-        model.covariance[np.ix_(sizes, sizes)],
-        widest,
-        scales,
-        signs[sizes],
+    models = []
+    rows = []
+    for exact in Exact:
+        allowed = allowed_columns(fit, observed, widest, exact)
+        # The moment prior enters with the scale of the sizes, below.
+        model = fitted_model(
+            observed, allowed.columns, fit.target, allowed.spread, allowed.group
+        )
+        change = change_of_prior_scale(
+            model.mean[sizes],
+            model.covariance[np.ix_(sizes, sizes)],
+            widest,
+            scales,
+            signs[sizes],
+        )
+        models.append(model)
+        rows.append(model.log_evidence + change)
+    log_evidence = np.array(rows)
+    best, best_scale = np.unravel_index(
+        int(log_evidence.argmax()), log_evidence.shape
     )
-    plain_spread = fit.hypothesis.spread(scales[change.argmax()])
+    plain_spread = fit.hypothesis.spread(scales[best_scale])
     (plain_model,) = linear_models(
         observed, fit.jacobian, fit.target, plain_spread[None], signs
     )
-    log_evidence = model.log_evidence + float(log_mean(change))
-    return Explanation(fit, model, plain_model, log_evidence)
+    return Explanation(
+        fit,
+        models[best],
+        plain_model,
+        float(log_mean(log_evidence.ravel())),
+        exact=Exact(best),
+    )
 
 
 def explain_exactly(fit: Fit) -> Explanation:
@@ -243,7 +270,13 @@ def with_smooth_discrepancy(
     of_sizes = explanation.log_evidence - explanation.model.log_evidence
     log_evidence = extended[0].log_evidence + of_sizes
     model, plain_model = extended
-    return Explanation(explanation.fit, model, plain_model, log_evidence, discrepancy)
+    return replace(
+        explanation,
+        model=model,
+        plain_model=plain_model,
+        log_evidence=log_evidence,
+        discrepancy=discrepancy,
+    )
 
 
 def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
@@ -280,12 +313,12 @@ def with_box(
     gains = [model.log_evidence for model in models]
     best = int(np.argmax(gains))
     of_sizes = explanation.log_evidence - _at_fitted_amplitudes(explanation)
-    return Explanation(
-        explanation.fit,
-        models[best],
-        plain_models[best],
-        float(log_mean(gains)) + of_sizes,
-        discrepancy,
+    return replace(
+        explanation,
+        model=models[best],
+        plain_model=plain_models[best],
+        log_evidence=float(log_mean(gains)) + of_sizes,
+        discrepancy=discrepancy,
     )
 
 

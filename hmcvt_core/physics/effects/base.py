@@ -46,6 +46,7 @@ class ShaftState(NamedTuple):
         open_clutches: slip of each per engine speed and per output speed [-], as the data of the
             stage say; without data one that slips as the output turns.
         pump_per_motor: V_p / V_m [-].
+        oil_temperature: [deg C]; None where it is not known.
     """
 
     engine_speed: Array
@@ -61,6 +62,7 @@ class ShaftState(NamedTuple):
     displacement: float
     open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
     pump_per_motor: float = 1.0
+    oil_temperature: Array | None = None
 
     @property
     def delivered_speed(self) -> Array:
@@ -155,6 +157,15 @@ def shape(
     )
 
 
+def ramp(excess: Array, width: float) -> Array:
+    """Return max(excess, 0), rounded off within `width` on either side of zero.
+
+    A steady state is sought along slopes, which a corner misleads.
+    """
+    rounded = np.square(np.maximum(excess + width, 0.0)) / (4.0 * width)
+    return np.asarray(np.where(excess < width, rounded, excess))
+
+
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects: every hook says "no change".
@@ -169,6 +180,8 @@ class Effect:
         remedy: the measurement that settles it when no operating point can; may be empty.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
         change_only: whether it is a candidate against the baseline of a sound machine only.
+        needs_oil_temperature: whether it has no size that acts where the oil temperature is not
+            known; it is then no candidate.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
@@ -182,6 +195,7 @@ class Effect:
     remedy: ClassVar[str] = ""
     unit_only: ClassVar[bool] = False
     change_only: ClassVar[bool] = False
+    needs_oil_temperature: ClassVar[bool] = False
 
     part: str = field(default="", kw_only=True)
 
@@ -274,6 +288,13 @@ class Effect:
     def true_load_power(self, load_power: Array, output_speed: Array) -> Array:
         """Output power that really flows when the bench reads `load_power` [W]."""
         return load_power
+
+    def output_slip(self, torque: Array) -> Value:
+        """Speed lost in a closed clutch that passes `torque` [N m] to the output [rad/s].
+
+        Neither is negative; in overrun the output runs ahead by as much.
+        """
+        return 0.0
 
     def gear_loss(self, power: Array, speed: Array) -> Value:
         """Further part of `power` [W] that each gear pair loses [-]; `speed` in rad/s."""

@@ -9,9 +9,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
+from .base import (
+    PRESSURE_REFERENCE,
+    Array,
+    Effect,
+    ShaftState,
+    Value,
+    ramp,
+    shape,
+    size,
+)
 
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
+_PRESSURE_REVERSAL = 5e5  # Pa, over which pump and motor change their parts
+_OPENING_WIDTH = 5e5  # Pa, within which a relief valve leaves its seat
+_FILLING_WIDTH = 5.0  # rad/s, within which cylinders cease to fill
 _ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
 _REFERENCE = 60.0  # deg C, viscosity ratio 1
@@ -98,6 +110,97 @@ class StrokeLeakage(Effect):
     def leakage_flow(self, state: ShaftState) -> Value:
         tilt = np.abs(state.displacement_ratio) ** self.exponent
         return self.leakage / state.viscosity_ratio * state.pressure * tilt
+
+
+@dataclass(frozen=True)
+class ReliefValve(Effect):
+    """q = c (|dp| - p_crack) above p_crack, none below: a relief valve that opens too early.
+
+    Each line of a closed circuit has one, so the flow has the sense of the pressure, also in
+    overrun. Where no test exceeds the cracking pressure, the effect is invisible.
+    """
+
+    name = "relief_valve"
+    component = "pump"
+    summary = "a relief valve opens too early: oil escapes above a certain pressure, none below"
+    source = (
+        "opening in proportion to the pressure above the setting: Simscape Fluids, Pressure "
+        "Relief Valve; one on each high-pressure port: Bosch Rexroth, RA 92003"
+    )
+    remedy = "measure the flow in the return line of the valve at full load"
+
+    leak: float = size("m3/(s Pa)", 5e-11, 0.0, 1e-9, "flow for each Pa above cracking")
+    cracking: float = shape(
+        "MPa",
+        (4.0, 6.0, 9.0, 13.0, 19.0, 28.0, 42.0),
+        "pressure at which the valve opens",
+    )
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        above = ramp(np.abs(state.pressure) - 1e6 * self.cracking, _OPENING_WIDTH)
+        return self.leak * np.sign(state.pressure) * above
+
+
+@dataclass(frozen=True)
+class InletStarvation(Effect):
+    """q = x V |eps|^(1-m) (w |eps|^m - w_full) above w_full: cylinders that pump do not fill.
+
+    The unit that pumps is the pump under pull, and the motor (eps = 1) where it drives the pump.
+    What its cylinders lack flows back into them from the high-pressure line, so that the torque
+    stays and the lost flow costs pressure times flow. At x = 1 the flow grows no more with speed.
+    """
+
+    name = "inlet_starvation"
+    component = "pump"
+    summary = (
+        "the inlet does not fill the pump at high speed: above a certain speed part of the "
+        "flow is missing"
+    )
+    source = (
+        "filling limit of axial piston pumps, which boost pressure raises: Harris, Edge & "
+        "Tilley 1994, J. Dyn. Syst. Meas. Control 116, 281"
+    )
+    remedy = "measure the charge pressure at high speed, or raise it and repeat a test"
+
+    deficit: float = size(
+        "-", 0.2, 0.0, 1.0, "part of the flow above the limit that is missing"
+    )
+    full_speed: float = shape(
+        "rad/s", (120.0, 170.0, 240.0, 340.0), "speed up to which cylinders fill"
+    )
+    stroke_exponent: float = shape(
+        "-",
+        (0.0, 1.0),
+        "1 if the limit is one of flow, 0 if one of speed",
+        between=False,
+    )
+    motor_part: float = shape(
+        "-",
+        (0.0, 1.0),
+        "1 if the motor starves too where it pumps, 0 if not",
+        between=False,
+    )
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        sense = np.tanh(state.pressure / _PRESSURE_REVERSAL)
+        delivered_sense = np.sign(state.displacement_ratio * state.pump_speed)
+        # A unit pumps where its flow has the sense in which pressure rises over it.
+        pump_gives = np.maximum(sense * delivered_sense, 0.0)
+        motor_gives = np.maximum(-sense * np.sign(state.motor_speed), 0.0)
+        missing = pump_gives * self._missing_of_pump(state)
+        of_motor = motor_gives * self._excess(np.abs(state.motor_speed))
+        missing = missing + self.motor_part * of_motor
+        flow = self.deficit * state.displacement * missing
+        return np.asarray(np.sign(state.pressure) * flow)
+
+    def _missing_of_pump(self, state: ShaftState) -> Array:
+        """Flow of the pump above what its inlet fills / displacement [rad/s]."""
+        stroke = np.abs(state.displacement_ratio)
+        demand = np.abs(state.pump_speed) * stroke**self.stroke_exponent
+        return np.asarray(stroke ** (1.0 - self.stroke_exponent) * self._excess(demand))
+
+    def _excess(self, speed: Array) -> Array:
+        return ramp(speed - self.full_speed, _FILLING_WIDTH)
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,42 @@ class Churning(BearingDrag):
 
 
 @dataclass(frozen=True)
+class FanDrive(Effect):
+    """T = T_150 (w / 150 rad/s)^2 s, s = 0 below a temperature of the oil, 1 a band above it.
+
+    A narrow band is a switched drive, a wide one a proportional one, as of a viscous clutch. A fan
+    that always runs is `churning`. Without an oil temperature the fan is off.
+    """
+
+    name = "fan_drive"
+    component = "gears"
+    needs_oil_temperature = True
+    summary = (
+        "a fan or auxiliary drive on the engine shaft runs when the oil is warm: the loss "
+        "grows with the cube of engine speed"
+    )
+    source = (
+        "laws of similarity of fans: torque ~ speed^2; clutch engaged by temperature: "
+        "EP 0 081 311"
+    )
+    remedy = "repeat a test at high engine speed with the fan off"
+
+    torque: float = size(
+        "N m", 8.0, 0.0, 80.0, "torque on the engine shaft at 150 rad/s, fully on"
+    )
+    start: float = shape(
+        "deg C", (40.0, 50.0, 60.0, 70.0, 80.0, 90.0), "oil temperature of switch-on"
+    )
+    band: float = shape("K", (2.0, 7.0, 20.0), "rise from switch-on to fully on")
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        if state.oil_temperature is None:
+            return 0.0
+        on = np.clip((state.oil_temperature - self.start) / self.band, 0.0, 1.0)
+        return self.torque * on * (state.engine_speed / _ENGINE_REFERENCE) ** 2
+
+
+@dataclass(frozen=True)
 class OutputChurning(Effect):
     """P = k w^n at the output shaft, n = 2.5 to 3."""
 
@@ -197,8 +233,9 @@ class GearMesh(Effect):
 
     a, b are 0.2, 0.2 in Niemann, Schlenk and ISO/TR 14179-2, and -0.4, 0.7 in ISO/TR 14179-1.
     Benedict & Kelley's logarithm lies between a steep fall with speed and none; teeth that bend or
-    tilt lose in proportion to load. Viscosity has 0.3 of the speed's exponent in both standards:
-    less than a bench sees of a loss of this size.
+    tilt lose in proportion to load. Bearings under load lose alike: their torque M1 of Palmgren
+    grows as load^1 (rollers) to load^1.55 (balls), which is a = 0 to 0.55, b = 0. Viscosity has 0.3
+    of the speed's exponent in both standards: less than a bench sees of a loss of this size.
     """
 
     name = "gear_mesh"

@@ -3,6 +3,7 @@
 
 from inspect import signature
 from types import FunctionType
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def trial(kind: type[Effect]) -> None:
             "efficiency": state.displacement_ratio,
             "power": state.load_power,
             "speed": state.output_speed,
-            "oil_temperature": np.linspace(30.0, 90.0, _POINTS),
+            "torque": state.sun_torque,
         }
         names = (
             list(signature(plain).parameters)[1:]
@@ -55,12 +56,16 @@ def trial(kind: type[Effect]) -> None:
         changed = [
             field
             for field, before, after in zip(state._fields, _state(), state, strict=True)
-            if not np.array_equal(before, after)
+            if not _same(before, after)
         ]
         if changed and "state" in names:
             raise InputError(
                 f"{where} changes {changed[0]} of the state; make a new array instead"
             )
+
+
+def _same(before: Any, after: Any) -> bool:
+    return bool(np.array_equal(before, after))
 
 
 def _state() -> ShaftState:
@@ -78,4 +83,5 @@ def _state() -> ShaftState:
         90.0 * part,
         5e4 * part,
         1e-5,
+        oil_temperature=np.linspace(30.0, 90.0, _POINTS),
     )

@@ -231,9 +231,7 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
 def _lifted(settings: Settings, state: State, largest: float) -> Settings:
     """Raise loads whose output torque is too small a part of the largest to be measured."""
     short = _LEAST_TORQUE * largest / state.output_torque
-    return replace(
-        settings, load_torque=settings.load_torque * np.maximum(short, 1.0)
-    )
+    return replace(settings, load_torque=settings.load_torque * np.maximum(short, 1.0))
 
 
 def _eased(machine: Machine, programme: Programme, settings: Settings) -> Programme:

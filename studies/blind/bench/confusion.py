@@ -14,12 +14,12 @@ import numpy as np
 from studies.blind.bench.campaign import Campaign
 from studies.blind.bench.classes import class_of
 from studies.blind.bench.layouts import Machine
+from studies.blind.bench.listed_losses import LISTED_LOSSES
 from studies.blind.bench.meters import approach_of, elapsed_of, gauge_scatter
 from studies.blind.bench.texture import Field, Texture
 from studies.blind.bench.trains import Train
 from studies.blind.catalogue import KNOWN_EFFECTS, draw_effect
 from studies.blind.effect import Effect, FloatArray
-from studies.blind.meters import TorqueSensor
 
 #: Relative step of a base parameter.
 _STEP = 0.05
@@ -115,7 +115,7 @@ class _Look:
     def effect_of(self, effect: Effect) -> FloatArray:
         """Return what an effect alone changes, at the load that the meters show."""
         machine = replace(self.plain, effects=(effect,))
-        if not isinstance(effect, TorqueSensor):
+        if type(effect).read is Effect.read:
             return self.rows(machine) - self.bare
         # An error of the output's meter moves the load at which everything else is read.
         settings = self.campaign.settings
@@ -251,7 +251,10 @@ class _Look:
         others = []
         for name in KNOWN_EFFECTS:
             for shape in range(_SHAPES):
-                effect = draw_effect(name, np.random.default_rng(shape))
+                rng = np.random.default_rng(shape)
+                effect = draw_effect(name, rng)
+                if shape % 2:
+                    effect = LISTED_LOSSES[name]().drawn(rng)
                 if self._class_of(effect) not in hidden:
                     others.append(replace(effect, size=_SMALL))
         return others

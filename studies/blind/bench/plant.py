@@ -9,7 +9,7 @@ nor is driven stands still.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -235,9 +235,12 @@ class _Solver:
         self, speed: FloatArray, direction: FloatArray, negligible: float = _NO_TORQUE
     ) -> FloatArray:
         """Pressure at which the torques of a motor speed balance, eq. (14) [Pa]."""
+        unloaded = self._conditions(speed, np.zeros_like(speed))
+        load = self._load_torque(unloaded)
 
         def surplus(pressure: FloatArray) -> FloatArray:
-            return self._torque_surplus(self._conditions(speed, pressure), direction)
+            loaded = self._at_pressure(unloaded, pressure)
+            return self._torque_surplus(loaded, load, direction)
 
         low = np.full_like(speed, _PRESSURES[0])
         high = np.full_like(speed, _PRESSURES[1])
@@ -264,12 +267,9 @@ class _Solver:
         output = self.train.output_speed(engine, speed, self.slip)
         members = self.train.members(engine, output, self.slip)
         command = np.broadcast_to(self.command, shape)
-        stroke = command
-        for effect in self.acting["true_stroke"]:
-            stroke = effect.true_stroke(stroke, pressure)
-        return BenchConditions(
+        conditions = BenchConditions(
             command=command,
-            stroke=stroke,
+            stroke=command,
             engine_speed=engine,
             pump_speed=self.train.pump_speed(engine, members),
             motor_speed=speed,
@@ -286,6 +286,16 @@ class _Solver:
             approach=np.broadcast_to(settings.approach, shape),
             load_power=np.broadcast_to(self.power, shape),
         )
+        return self._at_pressure(conditions, pressure)
+
+    def _at_pressure(
+        self, at: BenchConditions, pressure: FloatArray
+    ) -> BenchConditions:
+        """Return conditions at another pressure, with the stroke that the plate takes there."""
+        stroke = at.command
+        for effect in self.acting["true_stroke"]:
+            stroke = effect.true_stroke(stroke, pressure)
+        return replace(at, pressure=pressure, stroke=stroke)
 
     def _spare_flow(self, at: BenchConditions) -> FloatArray:
         """Flow that neither leaks nor turns the motor, eq. (13) [m3/s]."""
@@ -294,20 +304,29 @@ class _Solver:
         pumped = at.pump_displacement * at.stroke * at.pump_speed
         return np.asarray(pumped - leaked - at.motor_displacement * at.motor_speed)
 
-    def _torque_surplus(self, at: BenchConditions, direction: FloatArray) -> FloatArray:
+    def _load_torque(self, at: BenchConditions) -> FloatArray:
+        """Torque that the load asks of the motor, or output-coupled of the output shaft [N m].
+
+        No loss between the load and the row depends on the pressure of the loop.
+        """
+        if self.train.pump_on_row:
+            return self._load_at_output(at)
+        hydraulic, _ = self._row_torques(at)
+        path = self.train.motor
+        # In the sense that speeds the output up.
+        shaft = self.train.sense * path.direction * hydraulic / path.ratio
+        return self._gears(path, np.asarray(shaft), at.motor_speed, -1.0)
+
+    def _torque_surplus(
+        self, at: BenchConditions, load: FloatArray, direction: FloatArray
+    ) -> FloatArray:
         """Torque of the motor beyond what the load asks of it, eq. (14) [N m]."""
         given = self._motor_torque(at, direction)
-        if self.train.pump_on_row:
-            braced, _ = self._braced(at)
-            asked = self._load_at_output(at) - braced
-            shaft = asked * self.train.motor_share
-            through = self._gears(self.train.motor, shaft, at.motor_speed, -1.0)
-            return np.asarray(given - through)
-        hydraulic, _ = self._row_torques(at)
-        # Torque that the row asks of the motor, in the sense that speeds the output up.
-        path = self.train.motor
-        shaft = self.train.sense * path.direction * hydraulic / path.ratio
-        return np.asarray(given - self._gears(path, shaft, at.motor_speed, -1.0))
+        if not self.train.pump_on_row:
+            return given - load
+        braced, _ = self._braced(at)
+        shaft = (load - braced) * self.train.motor_share
+        return given - self._gears(self.train.motor, shaft, at.motor_speed, -1.0)
 
     def _motor_torque(self, at: BenchConditions, direction: FloatArray) -> FloatArray:
         ideal = at.pressure * at.motor_displacement

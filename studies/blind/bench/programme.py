@@ -10,7 +10,6 @@ from studies.blind.bench.properties import Bench
 from studies.blind.effect import FloatArray
 
 PLANS = ("grid", "hyperbola", "sweep", "random")
-#: Shuffled within a group of this share of the range, the major axis is not quite in order.
 _MOST_SESSIONS = 6
 #: Duration of a test and of the gaps between sessions [s].
 _TEST = (180.0, 420.0)

@@ -10,16 +10,18 @@ from typing import Any
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.fleet.executors import Processes
-from studies.blind.bench.judge import Case, judge
+from studies.blind.bench.judge import FRESH_TESTS, Case, judge
 from studies.blind.bench.properties import PROPERTIES, Bench
 from studies.blind.bench.scores import (
+    DETECTABLE,
     Record,
     band_table,
     cost_table,
-    kind_table,
+    misses,
     score_table,
 )
-from studies.blind.bench.truth import KINDS
+from studies.blind.bench.truth import KINDS, USUAL_KINDS
+from studies.page import render
 
 #: Seeds from here on are kept back from development.
 KEPT_BACK = 90_000_000
@@ -34,9 +36,9 @@ def cases(
         campaigns: number of campaigns.
         first_seed: of the first; the others count up.
         bench: properties of the bench.
-        kinds: of campaign; empty for all.
+        kinds: of campaign; empty for the usual ones.
     """
-    cycle = _cycle(kinds or tuple(KINDS))
+    cycle = _cycle(kinds or USUAL_KINDS)
     return [
         Case(cycle[i % len(cycle)], first_seed + i, bench) for i in range(campaigns)
     ]
@@ -87,7 +89,7 @@ def _judged(case: Case) -> Record:
 def report(records: Sequence[Record]) -> str:
     """Return the tables of a run."""
     usable = [record for record in records if "error" not in record]
-    parts = [score_table(usable), band_table(usable), kind_table(usable)]
+    parts = [score_table(usable), band_table(usable), misses(usable)]
     for record in records:
         if "error" in record:
             parts.append(f"{record['kind']}/{record['seed']}: {record['error']}")
@@ -104,7 +106,7 @@ def cost(
     """Run the same campaigns with each property switched off in turn.
 
     Returns:
-        The table, and the records of each run.
+        The table, and the records of each run by what is switched off; first `nothing`.
     """
     runs: dict[str, list[Record]] = {}
     for name in ("nothing", *PROPERTIES):
@@ -116,6 +118,32 @@ def cost(
         for name, records in runs.items()
     }
     return cost_table(usable), runs
+
+
+def page(
+    records: Sequence[Record], command: str, first_seed: int, cost_lines: str = ""
+) -> str:
+    """Return the section of the page of the blind trial, in Markdown.
+
+    Args:
+        records: of a run.
+        command: that made them.
+        first_seed: of the run.
+        cost_lines: table of `cost`; empty to leave it out.
+    """
+    usable = [record for record in records if "error" not in record]
+    kept_back = first_seed >= KEPT_BACK
+    return render(
+        "report.md.j2",
+        Path(__file__).parent,
+        command=command,
+        seeds="kept back from development" if kept_back else "used in development",
+        detectable=DETECTABLE,
+        fresh=FRESH_TESTS,
+        scores=score_table(usable),
+        bands=band_table(usable),
+        cost=cost_lines,
+    )
 
 
 def save(path: Path, content: Any) -> None:

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a campaign hides: which effects, of which form, and how large."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.optimize import brentq
 
 from hmcvt_core.errors import InputError
 from studies.blind.bench.layouts import Machine
+from studies.blind.bench.listed_losses import LISTED_LOSSES
 from studies.blind.bench.plant import Settings, State
 from studies.blind.bench.unlisted_losses import UNLISTED_LOSSES, OilFan, ReliefValve
 from studies.blind.catalogue import (
@@ -28,11 +30,16 @@ KINDS = {
     "base_off": 3,
     "unlisted": 3,
     "wrong_sign": 1,
+    "newly_listed": 2,
 }
+#: Kinds of a run that does not choose any.
+USUAL_KINDS = tuple(kind for kind in KINDS if kind != "newly_listed")
 SETS = {"single": 1, "pair": 2, "triple": 3}
 #: Shift of the efficiency that an effect makes where it acts, drawn evenly in its logarithm.
 _SHIFTS = (0.007, 0.03)
 _MOST_STALLED = 0.1
+#: Share of listed effects that take a form of `listed_losses`.
+_OWN_FORM = 0.5
 #: Tests on which an effect is sized, about so many.
 _SIZED_ON = 32
 
@@ -60,6 +67,9 @@ def draw_hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
         ]
     elif kind == "unlisted":
         names = [str(rng.choice([*UNLISTED_LOSSES, *UNKNOWN_EFFECTS]))]
+    elif kind == "newly_listed":
+        listed = [name for name, loss in UNLISTED_LOSSES.items() if loss.listed_as]
+        names = [str(rng.choice(listed))]
     elif kind == "wrong_sign":
         names = [str(rng.choice(list(TURNED_EFFECTS)))]
     hidden = []
@@ -71,8 +81,12 @@ def draw_hidden(kind: str, rng: np.random.Generator) -> list[Hidden]:
 
 
 def _drawn(name: str, rng: np.random.Generator) -> Effect:
+    """Draw an effect: a listed one in a form of the twin or in one of the bench's own."""
     if name in UNLISTED_LOSSES:
         return UNLISTED_LOSSES[name]().drawn(rng)
+    own_form = rng.random() < _OWN_FORM
+    if own_form and name in LISTED_LOSSES:
+        return LISTED_LOSSES[name]().drawn(rng)
     return draw_effect(name, rng)
 
 
@@ -139,7 +153,7 @@ def _largest(effect: Effect) -> float:
     return TURNED_EFFECTS[f"-{effect.name}"]
 
 
-def _size_without_stall(miss, top: float) -> float:  # type: ignore[no-untyped-def]
+def _size_without_stall(miss: Callable[[float], float], top: float) -> float:
     """Return the size at which nothing is missed, or the largest that does not stall."""
     low = 0.0
     high = min(top, 0.25)

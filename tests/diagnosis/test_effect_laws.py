@@ -1,0 +1,209 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Laws of effects that begin at a threshold, and of clutches that slip or grip."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.benches.transmission import Transmission, observe
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
+from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
+from hmcvt_core.physics.effects.mechanical import FanDrive
+from hmcvt_core.physics.effects.sensor import OutputTorqueZero
+
+from .campaigns import BASE, NOISE, campaign, random_points
+
+POINTS = random_points(11, 60, temperature=True)
+OVERRUN = POINTS._replace(load_torque=-0.3 * POINTS.load_torque)
+IDLE = POINTS._replace(load_torque=np.zeros(60))
+ACTING = [
+    ReliefValve(leak=5e-11, cracking=4.0),
+    InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=0.0),
+    InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=1.0),
+    FanDrive(torque=8.0, start=60.0),
+    ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
+    BrakeDrag(torque=10.0),
+    GrippingClutch(torque=10.0, speed_ratio=1.2),
+]
+BEYOND = [
+    ReliefValve(leak=5e-11, cracking=42.0),
+    InletStarvation(deficit=0.3, full_speed=500.0),
+    FanDrive(torque=8.0, start=90.0),
+    ClutchSlip(slip=8.0, exponent=1.0, holding=2000.0),
+]
+# Files, stages and parts of the load that they carry.
+LAYOUTS = [
+    ("hm4.yaml", "HM4", 1.0),
+    ("tractor.yaml", "HM1", 0.1),
+    ("tractor.yaml", "H0", 0.03),
+    ("output_coupled.yaml", "forward", 0.3),
+    ("output_coupled.yaml", "reverse", 0.3),
+]
+
+
+def _name(effect):
+    return type(effect).__name__
+
+
+def _with(effect):
+    return replace(BASE, effects=(effect,))
+
+
+def _state(effect, points):
+    return BalanceSolver(BASE.stage, BASE.parameters, (effect,)).flow(points)[1].state
+
+
+@pytest.mark.parametrize("effect", BEYOND, ids=_name)
+def test_what_no_test_reaches_is_no_candidate(effect):
+    np.testing.assert_array_equal(
+        _with(effect).readings_at(POINTS), _with(BrakeDrag()).readings_at(POINTS)
+    )
+    samples = campaign(seed=1, n=32, temperature=True)
+    fit = refit(Hypothesis(Transmission(BASE)), observe(samples, NOISE))
+    np.testing.assert_allclose(fit.signature(effect), 0.0, atol=1e-9)
+    visible = {form for form, _ in fit.signatures}
+    assert effect.with_values({effect.sizes()[0].name: 0.0}) not in visible
+
+
+def test_a_fan_needs_the_oil_temperature():
+    cold = POINTS._replace(oil_temperature=None)
+    fan = FanDrive(torque=8.0, start=60.0, band=20.0)
+    np.testing.assert_array_equal(
+        _with(fan).readings_at(cold), BASE.readings_at(cold)[:4]
+    )
+    fit = refit(Hypothesis(Transmission(BASE)), observe(campaign(seed=1, n=32), NOISE))
+    assert "fan_drive" not in {form.name for form, _ in fit.signatures}
+
+
+def test_a_fan_comes_on_over_its_band():
+    fan = FanDrive(torque=8.0, start=60.0, band=20.0)
+    state = _state(fan, POINTS)._replace(
+        engine_speed=np.array([150.0, 150.0, 150.0, 300.0]),
+        oil_temperature=np.array([59.0, 70.0, 85.0, 85.0]),
+    )
+    np.testing.assert_allclose(fan.engine_drag(state), [0.0, 4.0, 8.0, 32.0])
+
+
+@pytest.mark.parametrize("points", [POINTS, OVERRUN], ids=["pull", "overrun"])
+def test_a_relief_valve_passes_oil_in_the_sense_of_the_pressure(points):
+    valve = ReliefValve(leak=5e-11, cracking=4.0)
+    state = _state(valve, points)
+    flow = valve.leakage_flow(state)
+    known = np.isfinite(flow)
+    assert (np.abs(state.pressure[known]) > 5e6).any()
+    assert (flow * state.pressure)[known].min() >= 0.0
+    assert not flow[np.abs(state.pressure) < 3.5e6].any()
+    wide_open = np.abs(state.pressure) > 5e6
+    np.testing.assert_allclose(
+        np.abs(flow[wide_open]), 5e-11 * (np.abs(state.pressure[wide_open]) - 4e6)
+    )
+
+
+@pytest.mark.parametrize("points", [POINTS, OVERRUN], ids=["pull", "overrun"])
+@pytest.mark.parametrize("exponent", [0.0, 1.0])
+def test_the_unit_that_pumps_is_starved(points, exponent):
+    starved = InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=exponent)
+    state = _state(starved, points)
+    flow = starved.leakage_flow(state)
+    known = np.isfinite(flow)
+    assert np.abs(flow[known]).max() > 1e-5
+    assert (flow * state.pressure)[known].min() >= 0.0
+    pumps = state.pressure * state.displacement_ratio > 0.0
+    speed = np.where(
+        pumps,
+        np.abs(state.pump_speed) * np.abs(state.displacement_ratio) ** exponent,
+        np.abs(state.motor_speed),
+    )
+    assert not flow[speed < 110.0].any()
+
+
+@pytest.mark.parametrize("sense", [1.0, -0.3], ids=["pull", "overrun"])
+def test_a_closed_clutch_loses_speed_and_torque_stays(sense):
+    clutch = ClutchSlip(slip=8.0, exponent=1.0, holding=60.0)
+    points = POINTS._replace(load_torque=sense * POINTS.load_torque)
+    _, flow = BalanceSolver(BASE.stage, BASE.parameters, (clutch,)).flow(points)
+    torque = np.abs(flow.output_power / flow.output_speed)
+    slip = np.abs(flow.geared_speed) - np.abs(flow.output_speed)
+    np.testing.assert_allclose(
+        slip, np.sign(sense) * clutch.output_slip(torque), rtol=1e-6, atol=1e-7
+    )
+    known = np.isfinite(slip)
+    assert np.abs(slip[known]).max() > 0.5
+
+
+def test_a_clutch_that_cannot_pass_the_load_has_no_answer():
+    clutch = ClutchSlip(slip=200.0, exponent=1.0, holding=60.0)
+    efficiency = _with(clutch).readings_at(POINTS)[0]
+    assert np.isnan(efficiency).any()
+    assert np.isfinite(efficiency).any()
+
+
+def test_a_held_output_speed_allows_for_the_slip():
+    solver = BalanceSolver(
+        BASE.stage, BASE.parameters, (ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),)
+    )
+    wanted = solver.solve(POINTS).output_speed
+    stroke, torque = solver.held(POINTS.engine_speed, wanted, POINTS.load_torque)
+    known = np.isfinite(torque)
+    assert known.mean() > 0.9
+    reached = solver.solve(POINTS._replace(displacement_ratio=stroke)).output_speed
+    np.testing.assert_allclose(reached[known], wanted[known], rtol=1e-6)
+
+
+def test_a_brake_and_the_zero_of_the_output_meter_read_alike():
+    np.testing.assert_allclose(
+        _with(BrakeDrag(torque=10.0)).readings_at(POINTS),
+        _with(OutputTorqueZero(zero=-10.0)).readings_at(POINTS),
+        rtol=1e-9,
+    )
+
+
+def test_a_gripping_clutch_turns_its_torque_where_the_slip_vanishes():
+    clutch = GrippingClutch(torque=10.0, speed_ratio=1.2)
+    state = _state(clutch, POINTS)._replace(
+        engine_speed=np.full(3, 100.0), output_speed=np.array([90.0, 120.0, 150.0])
+    )
+    np.testing.assert_allclose(clutch.output_drag(state), [-10.0, 0.0, 10.0], atol=1e-6)
+    np.testing.assert_allclose(clutch.engine_drag(state), [12.0, 0.0, -12.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("effect", ACTING, ids=_name)
+@pytest.mark.parametrize(("file", "stage", "load"), LAYOUTS)
+@pytest.mark.parametrize(
+    "points", [POINTS, OVERRUN, IDLE], ids=["pull", "over", "idle"]
+)
+def test_watts_close_on_every_layout(effect, file, stage, load, points):
+    points = points._replace(load_torque=load * points.load_torque)
+    model = hmcvt.load_model(hmcvt.data_path(f"params/{file}")).stages[stage]
+    watts = replace(model, effects=(effect,)).breakdown(*points)
+    solved = np.isfinite(watts.input_power)
+    assert solved.mean() > 0.3
+    np.testing.assert_allclose(
+        (watts.input_power - watts.output_power)[solved],
+        sum(watts.losses.values())[solved],
+        rtol=1e-7,
+        atol=1e-6,
+    )
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        ReliefValve(leak=6e-11, cracking=8.0),
+        InletStarvation(deficit=0.3, full_speed=200.0),
+        FanDrive(torque=10.0, start=65.0, band=10.0),
+        ClutchSlip(slip=8.0, exponent=1.0, holding=200.0),
+        GrippingClutch(torque=12.0, speed_ratio=0.9),
+    ],
+    ids=_name,
+)
+def test_the_diagnosis_names_it(effect):
+    samples = campaign((effect,), seed=2, n=64, temperature=True)
+    found = hmcvt.diagnose(BASE, samples, noise=NOISE).to_dict()
+    assert found["sets"][0]["effects"] == [effect.name]
+    assert found["causes"][0]["form"] == effect.form
