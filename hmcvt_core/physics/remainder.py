@@ -300,17 +300,25 @@ class Remainder:
         left = self.training.values - self.training.columns @ self.coefficients
         return np.asarray(cho_solve((self._factor, True), left))
 
-    def left_out_residuals(self) -> Array:
+    def left_out_residuals(self, run: int = 1) -> Array:
         """Return residuals at readings left out / their standard deviations, shape (n,).
 
         In closed form (Rasmussen & Williams 2006, eq. 5.12), with the terms as part of the process.
+
+        Args:
+            run: number of readings in succession that are left out together.
         """
         training = self.training
         scaled_terms = training.columns * training.spread
         covariance = self._of_readings + scaled_terms @ scaled_terms.T
         inverse = np.linalg.inv(covariance + np.diag(self.noise**2))
         weighted = inverse @ training.values
-        return np.asarray(weighted / np.sqrt(np.diagonal(inverse)))
+        residuals = np.empty(len(weighted))
+        for start in range(0, len(weighted), run):
+            rows = slice(start, start + run)
+            of_run = np.linalg.inv(inverse[rows, rows])
+            residuals[rows] = of_run @ weighted[rows] / np.sqrt(np.diagonal(of_run))
+        return residuals
 
     def _covariance(self, points: Array, others: Array) -> Array:
         scaled = (points - self.low) / self.width

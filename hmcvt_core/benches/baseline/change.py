@@ -89,8 +89,12 @@ class SoundMachine(Protocol):
             Shape (channels, n, n).
         """
 
-    def left_out_residuals(self) -> list[Array]:
-        """Return standardised residuals of each channel at sound samples left out, (n,) each."""
+    def left_out_residuals(self, run: int) -> list[Array]:
+        """Return standardised residuals of each channel at sound samples left out, (n,) each.
+
+        Args:
+            run: number of readings in succession that are left out together.
+        """
 
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""

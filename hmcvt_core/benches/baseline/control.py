@@ -30,7 +30,8 @@ LEAST_SOUND = LEAST_CONTROL + LEAST_FITTED
 """Least samples of a baseline."""
 
 SUCCESSIVE = 5
-"""Readings in succession that a draw of the baseline keeps together, as drift lasts."""
+"""Readings in succession that are left out together, as drift lasts; those next to a reading left
+out would predict it too well."""
 DRAWS = 2000
 """Draws of the baseline; they resolve probabilities of a thousandth."""
 
@@ -104,8 +105,9 @@ def exceeds_baseline(
     """Return whether readings differ by more than left-out readings of the baseline do.
 
     A few readings that stand apart make a difference significant, and any bench has some. The mean
-    squared difference is compared with that of the baseline by drawing from the latter runs of
-    readings (block bootstrap; Kuensch 1989, Ann. Stat. 17, 1217).
+    of log(1 + z^2) over the standardised differences z, which single readings hardly move, is
+    compared with that of the baseline by drawing from the latter runs of readings (block
+    bootstrap; Kuensch 1989, Ann. Stat. 17, 1217).
 
     Args:
         machine: held.
@@ -116,19 +118,19 @@ def exceeds_baseline(
     drift = machine.drift_at(observed.points, observed.deviation)
     variance = np.diagonal(covariance + drift, axis1=1, axis2=2)
     total = variance + observed.deviation**2
-    squares = np.mean((observed.measured - sound) ** 2 / total, axis=1)
+    sizes = np.mean(np.log1p((observed.measured - sound) ** 2 / total), axis=1)
     rng = np.random.default_rng(seed)
     for of_channel, residuals in zip(
-        squares, machine.left_out_residuals(), strict=True
+        sizes, machine.left_out_residuals(SUCCESSIVE), strict=True
     ):
-        draws = _mean_squares(residuals, len(observed), rng)
+        draws = _mean_sizes(residuals, len(observed), rng)
         if np.mean(draws >= of_channel) <= GAP_SIGNIFICANCE:
             return True
     return False
 
 
-def _mean_squares(residuals: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return mean squares of so many residuals, drawn in runs, shape (draws,).
+def _mean_sizes(residuals: Array, count: int, rng: np.random.Generator) -> Array:
+    """Return means of log(1 + z^2) of so many residuals, drawn in runs, shape (draws,).
 
     Args:
         residuals: of the baseline, in the order of time.
@@ -139,4 +141,4 @@ def _mean_squares(residuals: Array, count: int, rng: np.random.Generator) -> Arr
     runs = -(-count // run)
     starts = rng.integers(0, len(residuals) - run + 1, (DRAWS, runs))
     rows = (starts[..., None] + np.arange(run)).reshape(DRAWS, -1)[:, :count]
-    return np.asarray(np.mean(residuals[rows] ** 2, axis=1))
+    return np.asarray(np.mean(np.log1p(residuals[rows] ** 2), axis=1))

@@ -74,9 +74,9 @@ class Baseline:
         causes = self._expanded_causes(diagnosis)
         sets = self._expanded_sets(diagnosis.sets)
         verdict = diagnosis.verdict
-        names_several = bool(sets) and sets[0].effects != diagnosis.sets[0].effects
-        several = bool(sets) and sets[0].probability < diagnosis.sets[0].probability
-        if verdict == "cause_found" and (names_several or several):
+        if (
+            verdict == "cause_found" and sets[0].probability < CAUSE_FOUND_PROBABILITY
+        ):
             verdict = "ambiguous"
         warnings = diagnosis.warnings
         notes = [*self.notes]
@@ -145,18 +145,21 @@ class Baseline:
         return shares
 
     def _expanded_sets(self, sets: tuple[CauseSet, ...]) -> tuple[CauseSet, ...]:
-        expanded = []
+        expanded: dict[tuple[str, ...], CauseSet] = {}
         for item in sets:
             choices = [self.shares(name).items() for name in item.effects]
             for choice in itertools.product(*choices):
                 share = float(np.prod([part for _, part in choice]))
                 names = tuple(sorted(name for name, _ in choice))
-                expanded.append(
-                    replace(item, effects=names, probability=share * item.probability)
+                probability = share * item.probability
+                if names in expanded:
+                    probability += expanded[names].probability
+                    item = expanded[names]
+                expanded[names] = replace(
+                    item, effects=names, probability=probability
                 )
         # A stable sort keeps the effect that stands for others before them.
-        expanded.sort(key=lambda item: -item.probability)
-        return tuple(expanded)
+        return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
 
     def _expanded_causes(self, diagnosis: Diagnosis) -> tuple[Cause, ...]:
         expanded = []

@@ -218,9 +218,9 @@ class SoundUnit:
             covariances.append(remainder.drift_covariance(_stacked(points), noise))
         return np.stack(covariances)
 
-    def left_out_residuals(self) -> list[Array]:
-        """Return standardised residuals of each channel at sound samples left out."""
-        return [remainder.left_out_residuals() for remainder in self.remainders]
+    def left_out_residuals(self, run: int) -> list[Array]:
+        """Return standardised residuals of each channel at runs of sound samples left out."""
+        return [remainder.left_out_residuals(run) for remainder in self.remainders]
 
     def within_temperatures(self, points: Points) -> Points:
         """Return points with oil temperatures limited to those of the baseline.
@@ -415,9 +415,10 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
         samples: with the columns that are compared.
     """
     points = points_of(samples)
-    axes = [axis for axis in UNIT_AXES if axis.name in points]
-    if np.ptp(samples.displacement_ratio) <= STROKE.tolerance:
-        axes.remove(STROKE)
+    # The viscosity is known along the oil temperature, so forms do not bend along it.
+    axes = [SPEED, PRESSURE]
+    if np.ptp(samples.displacement_ratio) > STROKE.tolerance:
+        axes.insert(0, STROKE)
     measured = []
     deviation = []
     for channel, remainder in zip(sound.channels, sound.remainders, strict=True):
