@@ -157,9 +157,7 @@ class UnitSamples:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the quantities read, in the order of `READ_CHANNELS`."""
-        return tuple(
-            name for name in READ_CHANNELS if getattr(self, name) is not None
-        )
+        return tuple(name for name in READ_CHANNELS if getattr(self, name) is not None)
 
     @property
     def losses(self) -> Array:
@@ -447,7 +445,9 @@ def _torque_loss(
         mechanical = values["mechanical_efficiency"]
     else:
         # ISO 4409: the overall efficiency is the product of the two others.
-        assert flow_loss is not None  # `_PAIRS` has the overall efficiency with a flow only
+        assert (
+            flow_loss is not None
+        )  # `_PAIRS` has the overall efficiency with a flow only
         flow = samples.ideal[0] - sign * flow_loss
         volumetric = (flow / samples.ideal[0]) ** sign
         mechanical = values["overall_efficiency"] / volumetric

@@ -193,9 +193,7 @@ class Change:
         of_meters = self.meters * np.tensordot(base, errors, axes=1)
         if not effects:
             return np.asarray(sound + of_meters)
-        return np.asarray(
-            sound + self.machine.changed_by(effects, points) + of_meters
-        )
+        return np.asarray(sound + self.machine.changed_by(effects, points) + of_meters)
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return points at which a further test can be run."""
@@ -262,9 +260,7 @@ def _directions(covariance: Array, deviation: Array) -> Array:
     values, vectors = np.linalg.eigh(scaled)
     # A direction counts by the squared deviations that it makes in all readings together.
     kept = np.flatnonzero(values > NEGLIGIBLE_PART**2)[-MOST_DIRECTIONS:]
-    return np.asarray(
-        vectors[:, kept] * np.sqrt(values[kept]) * deviation[:, None]
-    )
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]) * deviation[:, None])
 
 
 # --- effects that are the same curve --------------------------------------------------------

@@ -99,9 +99,7 @@ def judge_control(machine: SoundMachine, observed: Observations, seed: int) -> C
     return Control(len(observed), verdict, p_value)
 
 
-def exceeds_baseline(
-    machine: SoundMachine, observed: Observations, seed: int
-) -> bool:
+def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -> bool:
     """Return whether readings differ by more than left-out readings of the baseline do.
 
     A few readings that stand apart make a difference significant, and any bench has some. The mean

@@ -49,15 +49,15 @@ class Baseline:
             "control": self.control._asdict(),
         }
 
-    def report(self) -> str:
-        """Return the baseline and its control in a line."""
-        outcome = "shows no change"
+    def sentence(self) -> str:
+        """Return the baseline and its control in a sentence."""
+        outcome = "show no change"
         if self.control.alarms:
-            outcome = "differs from the rest"
+            outcome = "differ from the rest"
         return (
-            f"baseline   {self.source}, {self.samples} sound samples; "
-            f"{self.control.samples} of them, left out as a control: {outcome} "
-            f"(p = {self.control.p_value:.2g})"
+            f"Compared with {self.samples} sound samples of {self.source}; "
+            f"{self.control.samples} of them, left out as a control, {outcome} "
+            f"(p = {self.control.p_value:.2g})."
         )
 
     def applied_to(self, diagnosis: Diagnosis) -> Diagnosis:
@@ -74,9 +74,7 @@ class Baseline:
         causes = self._expanded_causes(diagnosis)
         sets = self._expanded_sets(diagnosis.sets)
         verdict = diagnosis.verdict
-        if (
-            verdict == "cause_found" and sets[0].probability < CAUSE_FOUND_PROBABILITY
-        ):
+        if verdict == "cause_found" and sets[0].probability < CAUSE_FOUND_PROBABILITY:
             verdict = "ambiguous"
         warnings = diagnosis.warnings
         notes = [*self.notes]
@@ -155,9 +153,7 @@ class Baseline:
                 if names in expanded:
                     probability += expanded[names].probability
                     item = expanded[names]
-                expanded[names] = replace(
-                    item, effects=names, probability=probability
-                )
+                expanded[names] = replace(item, effects=names, probability=probability)
         # A stable sort keeps the effect that stands for others before them.
         return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis import Diagnosis, diagnose_system
+from ...diagnosis.results.outcome import NAMING
 from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
@@ -60,7 +61,7 @@ class UnitChange:
         diagnosis: as of any system, of the change; the gap is that of the first channel read in
             both campaigns.
         sound: the unit before.
-        model: the unit with its changes, whether the verdict names them or not.
+        model: the unit with the changes that the verdict names.
         baseline: where the sound unit comes from, and its control.
         holdout: held-out samples of the changed unit, or None.
         seed: of every random number.
@@ -107,11 +108,7 @@ class UnitChange:
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
-        lines = [
-            f"Change against {self.baseline.source}, held as sound.",
-            self.diagnosis.report(),
-            self.baseline.report(),
-        ]
+        lines = [self.diagnosis.report(), f"baseline   {self.baseline.sentence()}"]
         for channel in self.sound.channels:
             row = self.rmse[_short(channel.name)]
             unit, factor = CHANNEL_UNITS[channel.name]
@@ -210,11 +207,10 @@ def diagnose_change(
         notes=tuple(notes),
     )
     model = ChangedUnit(sound, ())
-    if diagnosis.causes:
+    of_mechanisms = record.applied_to(diagnosis)
+    if of_mechanisms.verdict in NAMING:
         model = diagnosis.causes[0].model
-    return UnitChange(
-        record.applied_to(diagnosis), sound, model, record, holdout, seed
-    )
+    return UnitChange(of_mechanisms, sound, model, record, holdout, seed)
 
 
 # --- what can be compared -------------------------------------------------------------------

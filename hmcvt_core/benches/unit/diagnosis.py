@@ -218,9 +218,7 @@ def diagnose_unit(
     if holdout is None:
         holdout = validation
     if baseline is not None:
-        return diagnose_change(
-            samples, baseline, holdout, seed=seed, progress=progress
-        )
+        return diagnose_change(samples, baseline, holdout, seed=seed, progress=progress)
     if holdout is not None:
         _check_holdout(holdout, samples)
     doubt = _displacement_doubt(samples)
@@ -386,7 +384,9 @@ def _displacement_doubt(samples: UnitSamples) -> str | None:
         return None
     high = samples.select(samples.pressure > HIGH_PRESSURE * samples.pressure.max())
     _, ideal_torque = high.ideal
-    lost = np.sort(np.asarray(high.torque_loss) / ideal_torque)[:FEWEST_AT_HIGH_PRESSURE]
+    lost = np.sort(np.asarray(high.torque_loss) / ideal_torque)[
+        :FEWEST_AT_HIGH_PRESSURE
+    ]
     if lost.mean() >= FRICTION - LARGEST_GAIN * METER_GAIN:
         return None
     return (

@@ -329,7 +329,9 @@ class SoundUnit:
                 "without column oil_temperature in both files, warmer oil looks like wear of gaps"
             )
         if "torque_loss" not in samples.channels:
-            notes.append("no torque is read: a change of friction or damping is not seen")
+            notes.append(
+                "no torque is read: a change of friction or damping is not seen"
+            )
         return tuple(notes)
 
 

@@ -158,9 +158,7 @@ class Explanation:
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowed_columns(
-                at_points, fit.observed, 1.0, self.exact
-            ).columns
+            columns = allowed_columns(at_points, fit.observed, 1.0, self.exact).columns
         # The prediction is of the machine: errors of meters are no part of it.
         columns = columns.copy()
         columns[..., fit.hypothesis.shared] = 0.0
@@ -217,9 +215,7 @@ def explain(fit: Fit) -> Explanation:
         models.append(model)
         rows.append(model.log_evidence + change)
     log_evidence = np.array(rows)
-    best, best_scale = np.unravel_index(
-        int(log_evidence.argmax()), log_evidence.shape
-    )
+    best, best_scale = np.unravel_index(int(log_evidence.argmax()), log_evidence.shape)
     plain_spread = fit.hypothesis.spread(scales[best_scale])
     (plain_model,) = linear_models(
         observed, fit.jacobian, fit.target, plain_spread[None], signs

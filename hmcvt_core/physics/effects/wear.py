@@ -93,9 +93,15 @@ class AeratedOil(Compressibility):
 
     change_only = True
     form = "more air"
-    summary = "oil with more air is squeezed more: flow is lost with pressure times speed"
-    source = "Merritt 1967, Hydraulic Control Systems, 2.2: at most about 3 1/GPa with air"
-    remedy = "measure the flow at one pressure and two speeds; look for foam in the tank"
+    summary = (
+        "oil with more air is squeezed more: flow is lost with pressure times speed"
+    )
+    source = (
+        "Merritt 1967, Hydraulic Control Systems, 2.2: at most about 3 1/GPa with air"
+    )
+    remedy = (
+        "measure the flow at one pressure and two speeds; look for foam in the tank"
+    )
 
     compliance: float = size("1/GPa", 0.5, 0.0, 3.0, "growth of 1 / bulk modulus")
     dead_volume: float = shape("-", (0.5,), "dead volume / volume of a full stroke")
