@@ -381,7 +381,7 @@ def _fit(training: Training) -> Remainder:
 
 
 def _drift_of(logs: Array) -> Drift:
-    """Return the drift of logarithms relative to the prior medians, of which it has the last two."""
+    """Return the drift of the last two logarithms, relative to the prior medians."""
     deviation, readings = np.exp(logs[-2:]).tolist()
     return Drift(DRIFT_MEDIAN * deviation, DRIFT_READINGS * readings)
 

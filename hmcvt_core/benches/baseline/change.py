@@ -60,16 +60,31 @@ class SoundMachine(Protocol):
         refusal: as of a `System`.
         advice: as of a `System`.
         source: name of the file of the sound samples.
-        count: number of sound samples that were fitted.
     """
 
-    axes: tuple[Axis, ...]
-    channels: tuple[Channel, ...]
-    library: tuple[Any, ...]
-    refusal: str
-    advice: str
-    source: str
-    count: int
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of an operating point."""
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Channels read in both campaigns."""
+
+    @property
+    def library(self) -> tuple[Any, ...]:
+        """Effects that may have changed, at size zero."""
+
+    @property
+    def refusal(self) -> str:
+        """As of a `System`."""
+
+    @property
+    def advice(self) -> str:
+        """As of a `System`."""
+
+    @property
+    def source(self) -> str:
+        """Name of the file of the sound samples."""
 
     def sound_at(self, points: Points) -> tuple[Array, Array]:
         """Return mean and covariance of the channels of the sound machine.

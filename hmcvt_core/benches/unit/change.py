@@ -184,7 +184,7 @@ def diagnose_change(
     left_out, fitted = control_and_rest(baseline, seed)
     sound = fit_sound_unit(baseline.select(fitted), channels, varied_axes(samples))
     control = _control_of(sound, baseline.select(left_out), seed)
-    sound, found_warm = _with_temperature(sound, samples, seed, notes)
+    sound = _with_temperature(sound, samples, seed, notes)
     observed = with_sound_uncertainty(observe_change(sound, samples), sound)
     curves = different_curves(sound, observed)
     notes += _extrapolation_notes(sound, samples)
@@ -290,7 +290,7 @@ def _control_of(sound: SoundUnit, left_out: UnitSamples, seed: int) -> Control:
 
 def _with_temperature(
     sound: SoundUnit, samples: UnitSamples, seed: int, notes: list[str]
-) -> tuple[SoundUnit, bool]:
+) -> SoundUnit:
     """Return the reference for the oil temperatures of the samples.
 
     Args:
@@ -300,19 +300,20 @@ def _with_temperature(
         notes: are extended.
 
     Returns:
-        The sound unit, and whether the oil temperature alone explains the change.
+        The sound unit; where the oil temperature alone explains the change, with that as the
+        only candidate.
     """
     known = sound.samples.oil_temperature
     temperature = samples.oil_temperature
     if known is None or temperature is None:
-        return sound, False
+        return sound
     low = float(known.min()) - OIL_TEMPERATURE.tolerance
     high = float(known.max()) + OIL_TEMPERATURE.tolerance
     outside = (temperature < low) | (temperature > high)
     if not outside.any():
-        return sound, False
+        return sound
     if not _differs(sound, samples, seed):
-        return sound, False
+        return sound
     notes.append(
         f"{int(outside.sum())} of {len(samples)} samples lie outside the oil temperatures of the "
         f"baseline, {known.min():.0f} to {known.max():.0f} deg C"
@@ -322,8 +323,8 @@ def _with_temperature(
         notes.append(
             "the oil temperature alone does not explain the change; what it explains is taken off"
         )
-        return extrapolated, False
-    return with_oil_temperature(sound), True
+        return extrapolated
+    return with_oil_temperature(sound)
 
 
 def _differs(sound: SoundUnit, samples: UnitSamples, seed: int) -> bool:

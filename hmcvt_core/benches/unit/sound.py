@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ...diagnosis.observations import Observations
 from ...diagnosis.settings import PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, Channel, Points
-from ...files.units import METER_DEVIATION, UnitSamples, sign_of
+from ...files.units import UnitSamples, sign_of
 from ...physics.effects.base import Effect, ShaftState
 from ...physics.effects.hydraulic import (
     Compressibility,
