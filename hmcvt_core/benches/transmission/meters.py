@@ -138,9 +138,10 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     """
     sessions = sessions_of(observed.samples)
     slopes = _slopes_by_load(observed, system)
-    engine, output = _changes_by_zero(observed, slopes)
+    efficiency = _efficiency_without_noise(observed, system)
+    engine, output = _changes_by_zero(observed, efficiency, slopes)
     gain = np.zeros_like(engine)
-    gain[0] = observed.measured[0]
+    gain[0] = efficiency
     columns = []
     number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
@@ -187,11 +188,23 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
     return np.hypot(observed.deviation, _finite(of_channels))
 
 
-def _changes_by_zero(observed: Observations, slopes: Array) -> tuple[Array, Array]:
+def _efficiency_without_noise(observed: Observations, system: System) -> Array:
+    """Return the efficiency that the base model predicts, as measured where it has no answer.
+
+    Columns made of readings would hold their noise, and a large zero would then explain noise.
+    """
+    predicted = system.predict(system.base.mean, (), observed.points)[0]
+    return np.where(np.isfinite(predicted), predicted, observed.measured[0])
+
+
+def _changes_by_zero(
+    observed: Observations, efficiency: Array, slopes: Array
+) -> tuple[Array, Array]:
     """Return the change of every channel by a zero of the whole range of each torque meter.
 
     Args:
         observed: of bench samples.
+        efficiency: without noise, shape (n,).
         slopes: derivatives of the channels by the load, shape (channels, n).
 
     Returns:
@@ -201,7 +214,6 @@ def _changes_by_zero(observed: Observations, slopes: Array) -> tuple[Array, Arra
     ratio = np.ones(len(samples))
     if samples.output_speed is not None:
         ratio = np.abs(samples.output_speed / samples.engine_speed)
-    efficiency = samples.efficiency
     load = samples.load_torque
     engine = np.zeros_like(observed.measured)
     with np.errstate(divide="ignore", invalid="ignore"):

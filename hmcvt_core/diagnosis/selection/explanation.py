@@ -158,9 +158,7 @@ class Explanation:
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowed_columns(
-                at_points, fit.observed, 1.0, self.exact
-            ).columns
+            columns = allowed_columns(at_points, fit.observed, 1.0, self.exact).columns
         # The prediction is of the machine: errors of meters are no part of it.
         columns = columns.copy()
         columns[..., fit.hypothesis.shared] = 0.0
@@ -217,9 +215,7 @@ def explain(fit: Fit) -> Explanation:
         models.append(model)
         rows.append(model.log_evidence + change)
     log_evidence = np.array(rows)
-    best, best_scale = np.unravel_index(
-        int(log_evidence.argmax()), log_evidence.shape
-    )
+    best, best_scale = np.unravel_index(int(log_evidence.argmax()), log_evidence.shape)
     plain_spread = fit.hypothesis.spread(scales[best_scale])
     (plain_model,) = linear_models(
         observed, fit.jacobian, fit.target, plain_spread[None], signs
@@ -263,9 +259,9 @@ def with_smooth_discrepancy(
             ungrouped if model.group is None else model.group,
         )
         columns, prior_spread, groups = known.with_further(further)
-        extended.append(
-            fitted_model(observed, columns, model.target, prior_spread, groups)
-        )
+        fitted = fitted_model(observed, columns, model.target, prior_spread, groups)
+        no_signs = np.full(len(spread), np.nan)
+        extended.append(replace(fitted, signs=np.append(model.signs, no_signs)))
     # What the prior of the sizes changes, it changes here too.
     of_sizes = explanation.log_evidence - explanation.model.log_evidence
     log_evidence = extended[0].log_evidence + of_sizes
