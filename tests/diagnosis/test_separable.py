@@ -49,7 +49,13 @@ def test_mimic_lowers_visibility(speed_noise):
         i, j = found.effects.index(one), found.effects.index(other)
         assert found.separation[i, j] < 0.02 * found.detectability[i]
         assert other in found.indistinguishable_from(one)
-    assert "pressure_leakage" not in found.indistinguishable_from("charge_pump")
+    pump = found.effects.index("charge_pump")
+    leakage = found.effects.index("pressure_leakage")
+    assert found.separation[pump, leakage] > 0.8 * found.detectability[pump]
+    # The zero of a meter in a session hides three quarters of a charge pump of typical size. What
+    # is left is visible, and without the speed too little for a certain distinction.
+    others = found.indistinguishable_from("charge_pump")
+    assert ("pressure_leakage" in others) == (speed_noise is None)
 
 
 def test_more_data_never_lower_separation():
