@@ -102,13 +102,16 @@ class BalanceSolver:
 
     def _solved_on_row(self, points: OperatingPoints) -> Solution:
         """Solve an output-coupled stage; the constants depend on the sense of the output alone."""
-        forward = self._starts(1, points)
-        columns = np.empty((3, forward.size))
+        is_forward = self._starts(1, points)
+        # Numbers of points pick faster than a mask does.
+        forward = np.flatnonzero(is_forward)
+        backward = np.flatnonzero(~is_forward)
+        columns = np.empty((3, is_forward.size))
         ahead = points.map(lambda values: values[forward])
         columns[:, forward] = self.quadrant(Senses(1)).solve(ahead)
-        back = points.map(lambda values: values[~forward])
+        back = points.map(lambda values: values[backward])
         resting = self._rests(back)
-        columns[:, ~forward] = self.quadrant(Senses(-1)).solve(back, resting)
+        columns[:, backward] = self.quadrant(Senses(-1)).solve(back, resting)
         return Solution(*columns)
 
     def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
@@ -176,7 +179,8 @@ class BalanceSolver:
         efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed,
             flow.engine_power / points.engine_speed,
-            shafts.reflection * flow.output_speed,
+            # A sum with 0 is never -0.
+            shafts.reflection * flow.output_speed + 0.0,
         )
         pressure = shafts.senses.output * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
