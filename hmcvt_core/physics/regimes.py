@@ -322,7 +322,7 @@ class Quadrant:
         return torques[0], torques[1]
 
     def starts(self, ratio: Any) -> Any:
-        """Whether the torque on an output at rest without load acts in the sense of the quadrant."""
+        """Whether an output at rest without load starts in the sense of the quadrant."""
         positive, negative = self.starting_torques
         ahead = positive.level + (positive.slope + positive.square * ratio) * ratio
         back = negative.level + (negative.slope + negative.square * ratio) * ratio
