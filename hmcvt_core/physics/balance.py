@@ -2,9 +2,9 @@
 """What answers at many points: the balance without effects, and with them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,13 @@ _HELD = 1e-6
 """Relative difference of the output speed up to which a search holds it."""
 
 
-@dataclass(frozen=True)
-class Breakdown:
-    """Power in, power out and every loss between them [W]; arrays of one shape.
+class PowerShares(NamedTuple):
+    """Power in, power out and every loss between them [W], arrays of one shape.
 
     Attributes:
         input_power: from the engine.
         output_power: to the load.
-        losses: by part: `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`,
-            `motor_damping`, `motor_friction`, `planetary_row`, and the name of each effect that
-            drags a shaft. Their sum is input_power - output_power.
+        losses: by part, see `breakdown`; their sum is input_power - output_power.
     """
 
     input_power: Array
@@ -206,8 +203,12 @@ class BalanceSolver:
         return shafts, shafts.power_flow()
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def breakdown(self, points: OperatingPoints) -> Breakdown:
-        """Share the lost power among the parts that take it."""
+    def breakdown(self, points: OperatingPoints) -> PowerShares:
+        """Share the lost power among the parts that take it.
+
+        Parts are `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`, `motor_damping`,
+        `motor_friction`, `planetary_row`, and the name of each effect that drags a shaft.
+        """
         shafts, flow = self.flow(points)
         losses = self._unit_losses(shafts, flow)
         speeds = {
@@ -231,7 +232,7 @@ class BalanceSolver:
             for name, watts in losses.items()
             if name not in optional or watts.any()
         }
-        return Breakdown(np.asarray(flow.engine_power), flow.output_power, shown)
+        return PowerShares(np.asarray(flow.engine_power), flow.output_power, shown)
 
     def _unit_losses(self, shafts: Shafts, flow: PowerFlow) -> dict[str, Array]:
         """Losses of pump and motor and of the lines between them [W]."""
