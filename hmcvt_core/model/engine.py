@@ -3,7 +3,7 @@
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..files import picture, plain
+from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
 from ..transmission.mapping import Section
@@ -71,6 +73,48 @@ class Engine:
         rate = np.where(known, fuel, np.nan)
         return rate if rate.ndim else float(rate)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tables of the engine as plain data for JSON."""
+        return {field.name: plain(getattr(self, field.name)) for field in fields(self)}
+
+    def report(self) -> str:
+        """Return speeds, full load, highest power and best point of the engine as text."""
+        power = self.speed * self.full_load
+        strongest = int(power.argmax())
+        turning = int(self.full_load.argmax())
+        specific = self.specific_fuel
+        row, column = np.unravel_index(int(np.nanargmin(specific)), specific.shape)
+        torque = self.load[column] * self.full_load[row]
+        return "\n".join(
+            [
+                f"{self.speed[0] / RPM:.0f} to {self.speed[-1] / RPM:.0f} r/min",
+                f"full load at most {self.full_load[turning]:.1f} N m, at "
+                f"{self.speed[turning] / RPM:.0f} r/min",
+                f"power at most {power[strongest] / 1e3:.1f} kW, at "
+                f"{self.speed[strongest] / RPM:.0f} r/min",
+                f"least fuel {specific[row, column]:.1f} g/kWh, at "
+                f"{self.speed[row] / RPM:.0f} r/min and {torque:.1f} N m",
+            ]
+        )
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the specific fuel over engine speed and torque, up to full load.
+
+        Args:
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, ax=ax)
+
+    @property
+    def specific_fuel(self) -> Array:
+        """Fuel per energy at the points of the map, shape (n, m) [g/kWh]; NaN without torque."""
+        power = self.speed[:, None] * self.full_load[:, None] * self.load
+        positive = np.where(power > 0.0, power, np.nan)
+        return np.asarray(_GRAMS_PER_KWH * self.fuel / positive)
+
     @cached_property
     def _surface(self) -> Any:
         from scipy.interpolate import RectBivariateSpline
@@ -89,6 +133,7 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
+    require_path(path, "path", "an engine file")
     cells = read_plain(_table_of(path))
     speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
     cells.require_range(speed, ENGINE_SPEED)
