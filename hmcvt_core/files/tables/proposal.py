@@ -345,7 +345,7 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     brackets = _brackets(meaning)
     if brackets:
         return f"{brackets[0]} in column {name!r} is not known"
-    if meaning.unknown and choice.why in ("cells", "range", ""):
+    if meaning.unknown:
         words = ", ".join(map(repr, meaning.unknown))
         return f"{words} in column {name!r} is not known"
     if meaning.weak:
@@ -531,6 +531,9 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     if "two ways" in best.doubt:
         return Question(best.doubt, _DECIMALS)
     choices = tuple(UNITS.get(quantity, ()))[:2]
+    unit_stated = best.rank[3]
+    if unit_stated and best.unit:
+        choices = (best.unit,)
     if quantity == "stamp":
         if "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
@@ -594,12 +597,14 @@ def _ask_torque_of_load(
 ) -> None:
     """Ask whether the torque of the load is that at the output shaft.
 
-    A bench says "load torque" of its load machine; bench samples refer it to the engine. Only
-    an efficiency together with an input decides, which the checks look at.
+    A bench says "load torque" of its load machine; bench samples refer it to the engine. An
+    efficiency together with an input decides, which the checks look at; where the output shaft
+    has a torque of its name, that one is taken and the other is compared with it.
     """
     column = proposed.get("load_torque")
     known = {*proposed, *given}
     decided = "efficiency" in known and bool(known & set(INPUTS))
+    decided = decided or "output_torque" in known
     if column is None or "output_speed" not in known or decided:
         return
     if column.name == "load_torque" or "load_torque" in questions:
