@@ -21,10 +21,11 @@ from .units import unit_of
 SENTINELS: tuple[float, ...] = (
     *(-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0),
     *(65535.0, 65534.0, 32767.0, -32768.0, 8191.875, 1e30, -1e30),
+    *(6553.5, 655.35, 3276.7, -3276.8, 327.67, -327.68, -9999.99, 9.9e37, 9.91e37),
 )
 """Numbers that loggers write for "no value"."""
 _NOT_AVAILABLE = re.compile(
-    r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*|-+|\.+|\?+|",
+    r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*!?|-+|\.+|\?+|",
     re.IGNORECASE,
 )
 _NUMBER = re.compile(
@@ -223,6 +224,13 @@ def no_number(name: str, cell: str) -> str:
     """Say what is wrong with a cell of a column that holds no number."""
     if not cell:
         return f"{name} is empty"
+    if cell.startswith("="):
+        return (
+            f"{name} {cell!r} is a formula without a stored value: open the file in a "
+            "spreadsheet program and save it"
+        )
+    if cell.startswith("#"):
+        return f"{name} {cell!r} is an error or a gap of the spreadsheet"
     if parsed(cell, False)[0] in SENTINELS:
         return f"{name} {cell!r} is a code for no value"
     cure = ""

@@ -17,7 +17,14 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import BENCH_COLUMNS, Array, Range
 from .header import RawTable
-from .numbers import Numbers, Style, finite_share, read_numbers
+from .numbers import (
+    Numbers,
+    Style,
+    finite_share,
+    no_number,
+    not_available,
+    read_numbers,
+)
 from .rules import SHAFT_KINDS, Meaning, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
@@ -46,6 +53,7 @@ _SPARE = (
 )
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
+_NEUTRAL_OPEN = "is the pump in neutral at 0 or in the middle of the range"
 _ANGLE = re.compile(
     r"alpha|angle|angul|swash|swivel|schwenk|winkel|plateau|\u659c\u76d8|\u89d2"
 )
@@ -256,6 +264,7 @@ def propose(
     doubtful = {name for name in spares if name in questions}
     for name in doubtful:
         del spares[name]
+    notes += _excluded(table, {*given, *proposed})
     notes += _without_optional(_OPTIONAL, proposed, questions)
     if averaged:
         notes += _without_optional(["stamp"], proposed, questions)
@@ -278,11 +287,39 @@ def _all_candidates(
         if name in named:
             continue
         candidate, note = _candidate(name, table)
+        if name in table.hidden:
+            if candidate is not None:
+                notes.append(f"column {name!r} is not used: the sheet hides it")
+            continue
         if candidate is not None and candidate.quantity not in given:
             candidates.setdefault(candidate.quantity, []).append(candidate)
         if note:
             notes.append(note)
     return candidates, notes
+
+
+def _excluded(table: RawTable, known: Set[str]) -> list[str]:
+    """Return why columns of the kinds that are missing are not used.
+
+    Args:
+        table: as text.
+        known: quantities that have a column.
+    """
+    missing = " ".join(missing_quantities(known)).replace("displacement", "stroke")
+    notes = []
+    for name in table.columns:
+        meaning = meaning_of(name, table.units.get(name, ""))
+        if not meaning.excluded or not meaning.kind or meaning.kind not in missing:
+            continue
+        answer = ""
+        quantity = {"stroke": "displacement_ratio"}.get(meaning.kind, meaning.kind)
+        if quantity in UNITS:
+            unit = meaning.unit.name if meaning.unit is not None else ""
+            answer = f" ({option(quantity, name, unit)} uses it)"
+        notes.append(
+            f"column {name!r} is not used: its name says {meaning.excluded!r}{answer}"
+        )
+    return notes
 
 
 def _without_optional(
@@ -318,8 +355,12 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         return None, _no_numbers(name, quantity, table)
     choice = _unit(quantity, meaning, below, numbers)
     doubt = _doubt(name, meaning, style, choice)
-    if quantity == "displacement_ratio" and choice.why == "range" and not doubt:
-        doubt = _stroke_doubt(name, numbers.values)
+    if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
+        doubt = _unusual_unit_doubt(name, table)
+    if quantity == "displacement_ratio" and not doubt:
+        if choice.why == "range":
+            doubt = _stroke_doubt(name, numbers.values)
+        doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
     candidate = _Candidate(
@@ -332,6 +373,9 @@ def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
     """Say why a column without any number is refused."""
     reason = "it is empty"
     for cell in table.columns[name]:
+        if cell.startswith("="):
+            reason = no_number("its cell", cell)
+            break
         if cell:
             reason = f"cell {cell!r} is no number"
             break
@@ -386,6 +430,42 @@ def _stroke_doubt(name: str, values: Array) -> str:
     if largest < _PERCENT_FROM or _ANGLE.search(plain_text(name).lower()):
         return f"column {name!r} names no unit and may hold an angle or a length"
     return ""
+
+
+_UNUSUAL = frozenset(
+    {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
+)
+"""Units of other columns beside which a torque without a unit is hardly in N m."""
+_UNUSUAL_WORDS = re.compile(
+    r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
+    re.IGNORECASE,
+)
+
+
+def _unusual_unit_doubt(name: str, table: RawTable) -> str:
+    """Return why a torque without a unit may be in another one than N m."""
+    said = _UNUSUAL_WORDS.search(table.above)
+    if said is not None:
+        return f"column {name!r} names no unit, and a line above says {said[0]!r}"
+    for other in table.columns:
+        unit = meaning_of(other, table.units.get(other, "")).unit
+        if unit is not None and unit.name in _UNUSUAL:
+            return f"column {name!r} names no unit, and {other!r} is in {unit.name}"
+    return ""
+
+
+def _neutral_doubt(name: str, unit: str, values: Array, table: RawTable) -> str:
+    """Return why the neutral of a stroke may be in the middle of its range."""
+    if name == "displacement_ratio" or not unit:
+        return ""
+    for cell, value in zip(table.columns[name], values, strict=True):
+        if np.isnan(value) and not not_available(cell):
+            return ""  # the sign of a cell that cannot be read is not known
+    stroke = _in_si("displacement_ratio", unit, values)
+    known = stroke[np.isfinite(stroke)]
+    if known.min() < 0.0 or known.min() >= 0.5 or known.max() <= 0.5:
+        return ""
+    return f"column {name!r} is never negative: {_NEUTRAL_OPEN}"
 
 
 def _merge_decimals(questions: dict[str, Question]) -> None:
@@ -531,6 +611,8 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     if "two ways" in best.doubt:
         return Question(best.doubt, _DECIMALS)
     choices = tuple(UNITS.get(quantity, ()))[:2]
+    if kind_of(quantity) == "torque":
+        choices = ("N m", "lb ft")
     unit_stated = best.rank[3]
     if unit_stated and best.unit:
         choices = (best.unit,)
@@ -542,6 +624,9 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
             choices = ("dmy", "mdy")
     elif "radians or turns" in best.doubt:
         choices = ("rad/s", "turn/s")
+    elif _NEUTRAL_OPEN in best.doubt:
+        middle = {"%": "%@50", "-": "-@0.5"}
+        choices = (best.unit, middle[best.unit])
     answers = tuple(option(quantity, best.name, unit) for unit in choices)
     return Question(best.doubt, answers)
 

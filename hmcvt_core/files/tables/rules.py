@@ -442,8 +442,10 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         against |= means & {"pump", "feed", "oil"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
-    for word in words:
+    for word, following in zip(words, [*words[1:], ""], strict=True):
         low = word.lower()
+        if low == "operating" and following.lower() == "point":
+            continue
         if low in listed or against & set(_word_meanings(low)):
             return word
         if low == "ratio" and kind not in ("stroke", "efficiency"):

@@ -27,6 +27,8 @@ _SPEED = {
 _TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179483314004}
 _POWER = {"W": 1.0, "kW": 1e3, "hp": 745.6998715822702, "PS": 735.49875}
 _PART = {"-": 1.0, "%": 0.01}
+_STROKE = {**_PART, "%@50": 0.02, "-@0.5": 2.0}
+"""Units of the stroke; behind `@` stands the reading of the neutral."""
 _FLOW = {
     "m3/s": 1.0,
     "L/min": 1.0 / 6e4,
@@ -37,7 +39,7 @@ _FLOW = {
 _TURN = 2.0 * np.pi
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "displacement_ratio": _PART,
+        "displacement_ratio": _STROKE,
         "engine_speed": _SPEED,
         "output_speed": _SPEED,
         "engine_torque": _TORQUE,
@@ -63,7 +65,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "part": _PART,
+        "part": _STROKE,
         "speed": {**_SPEED, "deg/s": np.pi / 180.0},
         "torque": {
             **_TORQUE,
@@ -87,8 +89,10 @@ KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 """The same by what the units measure; flow and displacement are of hydrostatic units."""
 
-ZERO: Mapping[str, float] = MappingProxyType({"deg F": 32.0, "K": 273.15})
-"""Reading at 0 deg C, of the units of temperature that have another zero."""
+ZERO: Mapping[str, float] = MappingProxyType(
+    {"deg F": 32.0, "K": 273.15, "%@50": 50.0, "-@0.5": 0.5}
+)
+"""Reading at 0 deg C or in neutral, of the units that have another zero."""
 
 _ALSO = {
     "rad/s": "rad/sec 1rad/s rads-1 s-1rad",
