@@ -442,9 +442,9 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         against |= means & {"pump", "feed", "oil"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
-    for word, following in zip(words, [*words[1:], ""], strict=True):
-        low = word.lower()
-        if low == "operating" and following.lower() == "point":
+    lowered = [word.lower() for word in words]
+    for word, low in zip(words, lowered, strict=True):
+        if low == "operating" and "point" in lowered:
             continue
         if low in listed or against & set(_word_meanings(low)):
             return word
