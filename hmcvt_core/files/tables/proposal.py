@@ -371,14 +371,15 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
 
 def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
     """Say why a column without any number is refused."""
+    filled = [cell for cell in table.columns[name] if cell]
+    texts = [cell for cell in filled if not not_available(cell)]
     reason = "it is empty"
-    for cell in table.columns[name]:
-        if cell.startswith("="):
-            reason = no_number("its cell", cell)
-            break
-        if cell:
-            reason = f"cell {cell!r} is no number"
-            break
+    if texts:
+        reason = f"cell {texts[0]!r} is no number"
+        if texts[0].startswith("="):
+            reason = no_number("its cell", texts[0])
+    elif filled:
+        reason = f"all its cells are codes for no value, such as {filled[0]!r}"
     return f"column {name!r} would be {_words(quantity)}, but {reason}"
 
 
@@ -435,7 +436,7 @@ def _stroke_doubt(name: str, values: Array) -> str:
 _UNUSUAL = frozenset(
     {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
 )
-"""Units of other columns beside which a torque without a unit is hardly in N m."""
+"""Units of other columns beside which a torque without a unit may well not be in N m."""
 _UNUSUAL_WORDS = re.compile(
     r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
     re.IGNORECASE,
@@ -448,8 +449,12 @@ def _unusual_unit_doubt(name: str, table: RawTable) -> str:
     if said is not None:
         return f"column {name!r} names no unit, and a line above says {said[0]!r}"
     for other in table.columns:
-        unit = meaning_of(other, table.units.get(other, "")).unit
-        if unit is not None and unit.name in _UNUSUAL:
+        meaning = meaning_of(other, table.units.get(other, ""))
+        unit = meaning.unit
+        if unit is None or meaning.weak or unit.name == "-":
+            continue
+        of_shaft = unit.kind in SHAFT_KINDS and not meaning.quantity.startswith("any_")
+        if of_shaft or unit.name in _UNUSUAL:
             return f"column {name!r} names no unit, and {other!r} is in {unit.name}"
     return ""
 

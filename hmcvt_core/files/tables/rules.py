@@ -263,7 +263,10 @@ _LONG = _compound_parts()
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
-_SUFFIX = re.compile(r"[_ ]([^_ ]+(?:[_ ]ft)?)$")
+_SUFFIX = re.compile(
+    r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
+    r"[^_ ]+(?:[_ ]ft)?)$"
+)
 
 
 @lru_cache(maxsize=4096)
@@ -288,7 +291,8 @@ def _word_meanings(word: str) -> tuple[str, ...]:
 
 def _tokens(name: str) -> list[str]:
     """Return the words of a name in their own case."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain_text(name))
+    text = plain_text(name.replace("+/-", " std "))
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
     text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
     return re.findall(r"[^\W_]+", text)

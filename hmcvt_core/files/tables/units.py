@@ -95,22 +95,24 @@ ZERO: Mapping[str, float] = MappingProxyType(
 """Reading at 0 deg C or in neutral, of the units that have another zero."""
 
 _ALSO = {
-    "rad/s": "rad/sec 1rad/s rads-1 s-1rad",
+    "rad/s": "rad/sec 1rad/s rads-1 s-1rad radps radpers rad_s rad_per_s rad_per_sec",
+    "N m": "n_m",
     "lb ft": "lbfft lbft ftlb ftlbf ftlbs lbsft footpound footpounds poundfeet lbf*ft",
-    "kNm": "kN*m",
+    "kNm": "kN*m kn_m",
     "kgf m": "kpm mkp mkg kgm",
     "lb in": "lbfin inlb inlbf inlbs lbin",
-    "deg/s": "grad/s deg/sec",
+    "deg/s": "grad/s deg/sec deg_s deg_per_s deg_per_sec",
     "hp": "bhp horsepower",
     "PS": "cv ch",
-    "rpm": "/min t/min tr/min rev/min rev/minute giri/min upm umin-1 r.p.m. rpms "
+    "rpm": "rev_min rev_per_min "
+    "/min t/min tr/min rev/min rev/minute giri/min upm umin-1 r.p.m. rpms "
     "revs/min vueltas/min r.min-1 \u8f6c/\u5206 ob/min \u043e\u0431/\u043c\u0438\u043d",
     "kW": "\u5343\u74e6",
     "bar": "bara barg bard",
     "psi": "psia psid psig lbf/in2",
-    "deg C": "celsius degcelsius gradc \u2103",
+    "deg C": "deg_c celsius degcelsius gradc \u2103",
     "K": "kelvin",
-    "deg F": "f fahrenheit \u2109",
+    "deg F": "deg_f f fahrenheit \u2109",
     "ms": "msec milliseconds millisecond",
     "s": "sec secs second seconds sek sekunden \u79d2",
     "min": "minute minutes minuten mins \u5206\u949f",
@@ -217,6 +219,14 @@ _FOR_PINT = re.compile(
 )
 
 
+_SCALED_KINDS = ("speed", "torque", "power")
+_POWER_OF_TEN = re.compile(
+    r"[x\u00d7]? ?(?P<before>10|100|1000|10\^3)[ x\u00d7*]+(?P<unit>[A-Za-z].*)"
+    r"|(?P<first>[A-Za-z].*?) ?[x\u00d7] ?(?P<behind>10|100|1000|10\^3)"
+)
+"""A power of ten in front of a unit, or behind it after a sign of multiplication."""
+
+
 @lru_cache(maxsize=1)
 def _registry() -> Any:
     import pint
@@ -232,7 +242,24 @@ def unit_of(text: str) -> Unit | None:
     known = _WRITTEN.get(_key(text))
     if known is not None:
         return known
-    return _unit_by_pint(text.strip(" []()<>{}"))
+    bare = text.strip(" []()<>{}")
+    power, base = _power_of_ten(bare)
+    if power == 1.0:
+        return _unit_by_pint(bare)
+    known = unit_of(base)
+    if known is None or known.kind not in _SCALED_KINDS or known.name == "1/s":
+        return None
+    return Unit(known.kind, f"{power:.0f} {known.name}")
+
+
+def _power_of_ten(unit: str) -> tuple[float, str]:
+    """Return the power of ten in a unit such as `x1000 rpm`, and the rest of it."""
+    hit = _POWER_OF_TEN.fullmatch(unit)
+    if hit is None:
+        return 1.0, unit
+    digits = hit["before"] or hit["behind"]
+    power = 1000.0 if digits == "10^3" else float(digits)
+    return power, hit["unit"] or hit["first"]
 
 
 @lru_cache(maxsize=1024)
@@ -273,6 +300,9 @@ def to_si(kind: str, unit: str) -> tuple[float, float]:
     """
     if unit in KIND_UNITS[kind]:
         return KIND_UNITS[kind][unit], ZERO.get(unit, 0.0)
+    power, base = _power_of_ten(unit)
+    if power != 1.0 and kind in _SCALED_KINDS:
+        return power * to_si(kind, base)[0], 0.0
     known = unit_of(unit)
     if known is None or known.kind != kind or kind not in _BASE_UNITS:
         raise KeyError(unit)
