@@ -20,7 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
-from .tables.numbers import no_number, not_available, parsed, read_numbers
+from .tables.numbers import no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
     OUTPUTS,
@@ -180,8 +180,7 @@ def _assumed_units(
         stated = meaning_of(name, table.units.get(name, "")).unit
         if stated is not None and stated.name != "-":
             continue
-        comma = table.styles[name].comma
-        if not read_numbers(table.columns[name], comma).units:
+        if not table.numbers(name).units:
             notes.append(f"unit assumed: {column.unit} (column {name!r} names none)")
     return notes
 
@@ -293,8 +292,10 @@ def _rows(values: Mapping[str, Array], kept: Sequence[int]) -> dict[str, Array]:
 def _refuse_shared_columns(columns: Mapping[str, Column], table: RawTable) -> None:
     names = [column.name for column in columns.values()]
     for quantity, column in columns.items():
+        if names.count(column.name) == 1:
+            continue
         constant = set(table.columns[column.name]) == {column.name}
-        if names.count(column.name) > 1 and not constant:
+        if not constant:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
 
 
@@ -362,7 +363,7 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
         raise InputError(f"{table.source}: {question}")
     kind = kind_of(quantity)
     taken = to_si(kind, unit)
-    numbers = read_numbers(table.columns[name], style.comma)
+    numbers = table.numbers(name)
     below = unit_of(table.units.get(name, ""))
     stated = []
     if below is not None:

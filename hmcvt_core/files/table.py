@@ -109,8 +109,6 @@ def read_plain(
             needs = f"; needs columns {', '.join(required)}"
         raise InputError(f"{path}: is empty{needs}")
     header = [name_of(cell) for cell in rows[top - 1]]
-    while header and not header[-1]:
-        header.pop()  # separators at the end of the line
     nameless = [str(number) for number, name in enumerate(header, 1) if not name]
     if len(nameless) > 1:
         raise InputError(

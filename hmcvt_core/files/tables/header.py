@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 
 from ...errors import InputError
-from .numbers import Style, decimal_styles, is_number
+from .numbers import Numbers, Style, decimal_styles, is_number, read_numbers
 from .reading import (
     SEPARATORS,
     consistent_rows,
@@ -73,6 +73,13 @@ class RawTable:
     doubled: tuple[str, ...] = field(default=())
     above: str = ""
     hidden: tuple[str, ...] = ()
+    _read: dict[str, Numbers] = field(default_factory=dict, init=False, repr=False)
+
+    def numbers(self, name: str) -> Numbers:
+        """Return a column as numbers, NaN where a cell holds none; it is read once."""
+        if name not in self._read:
+            self._read[name] = read_numbers(self.columns[name], self.styles[name].comma)
+        return self._read[name]
 
     def with_constants(self, names: Sequence[str]) -> "RawTable":
         """Return the table with columns that hold their own name in every row."""
@@ -437,7 +444,8 @@ def _complete_rows(
         while len(row) > width and not row[-1]:
             row = row[:-1]  # separators at the end of a line
         if shortest <= len(row) <= width:
-            cells.append([*row, *[""] * (width - len(row))])
+            row += [""] * (width - len(row))
+            cells.append(row)
             rows.append(number)
         else:
             broken[number] = (

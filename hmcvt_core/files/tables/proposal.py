@@ -23,7 +23,6 @@ from .numbers import (
     finite_share,
     no_number,
     not_available,
-    read_numbers,
 )
 from .rules import SHAFT_KINDS, Meaning, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
@@ -350,7 +349,7 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     if quantity == "stamp":
         return _time_candidate(name, meaning, table)
     style = table.styles[name]
-    numbers = read_numbers(table.columns[name], style.comma)
+    numbers = table.numbers(name)
     if finite_share(numbers.values) == 0.0:
         return None, _no_numbers(name, quantity, table)
     choice = _unit(quantity, meaning, below, numbers)
@@ -463,8 +462,9 @@ def _neutral_doubt(name: str, unit: str, values: Array, table: RawTable) -> str:
     """Return why the neutral of a stroke may be in the middle of its range."""
     if name == "displacement_ratio" or not unit:
         return ""
-    for cell, value in zip(table.columns[name], values, strict=True):
-        if np.isnan(value) and not not_available(cell):
+    cells = table.columns[name]
+    for index in np.flatnonzero(np.isnan(values)).tolist():
+        if not not_available(cells[index]):
             return ""  # the sign of a cell that cannot be read is not known
     stroke = _in_si("displacement_ratio", unit, values)
     known = stroke[np.isfinite(stroke)]

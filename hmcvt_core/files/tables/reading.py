@@ -138,11 +138,18 @@ def split_rows(text: str, separator: str, source: str) -> list[list[str]]:
     """
     if not separator:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
+    has_dashes = any(dash in text for dash in _DASHES)
     reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     try:
-        return [[_plain_minus(cell.strip()) for cell in row] for row in reader]
+        rows = [list(map(str.strip, row)) for row in reader]
     except csv.Error as error:
         raise InputError(f"{source}: not CSV: {error}") from None
+    if has_dashes:
+        rows = [list(map(_plain_minus, row)) for row in rows]
+    return rows
+
+
+_DASHES = ("\u2212", "\u2013")
 
 
 def _plain_minus(cell: str) -> str:
