@@ -597,7 +597,8 @@ def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     equals = []
     for rival in others:
         # A unit that is not known hides whether the column is in range.
-        unit_unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        unit_unknown = unknown and not rival.doubt.startswith(("'", '"'))
         if rival.rank == best.rank or unit_unknown:
             equals.append(rival)
     if not equals:

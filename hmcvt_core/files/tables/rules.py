@@ -263,6 +263,9 @@ _LONG = _compound_parts()
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
+_SCALED = re.compile(
+    r"[_ ](?:in |/ )?((?:x ?)?(?:10|100|1000|10\^3)[ x*]+[A-Za-z]\S*)$"
+)
 _SUFFIX = re.compile(
     r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
     r"[^_ ]+(?:[_ ]ft)?)$"
@@ -332,6 +335,11 @@ def _take_apart(cell: str) -> _Parts:
 
 def _without_suffix(name: str) -> _Parts:
     """Split off a unit that follows the name without brackets, as in `n_engine_rpm`."""
+    scaled = _SCALED.search(name)
+    if scaled is not None:
+        known = unit_of(scaled[1])
+        if known is not None:
+            return _Parts(_tokens(name[: scaled.start()]), known)
     delimited = _DELIMITED.search(name)
     if delimited is not None:
         known = usual_unit(delimited[1])

@@ -6,8 +6,10 @@ column that numbers the tests, or where its numbers are the mean, median, deviat
 or sum of the rows above.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,7 +52,9 @@ _FEWEST_COLUMNS = 3
 _WIDTH = 2e-3
 """Part of the spread of a column by which a statistic of it may be rounded."""
 _CHANCE = 1e-4
-"""Probability from which numbers meet a statistic by chance; chosen on development tables."""
+"""Probability from which rows meet statistics by chance; chosen on development tables."""
+_LARGEST_CHANCE = 0.02
+"""The same of a single one of several such rows."""
 
 
 def summary_rows(table: RawTable) -> dict[int, str]:
@@ -111,6 +115,20 @@ def _says_mean(text: str) -> bool:
     return not _MEAN.isdisjoint(_words(text))
 
 
+class _Match(NamedTuple):
+    """A statistic that a row is, and the probability that it is that by chance."""
+
+    name: str
+    chance: float
+
+
+class _Numbers(NamedTuple):
+    """A column of numbers and its cells."""
+
+    values: Array
+    cells: Sequence[str]
+
+
 def _statistics_below(table: RawTable, kept: Sequence[int]) -> dict[int, str]:
     """Return the last rows whose numbers are statistics of the rows above.
 
@@ -122,60 +140,88 @@ def _statistics_below(table: RawTable, kept: Sequence[int]) -> dict[int, str]:
         return {}
     columns = []
     for name, cells in table.columns.items():
-        values = read_numbers(
-            [cells[index] for index in kept], table.styles[name].comma
-        )
-        if np.isfinite(values.values).mean() > 0.5:
-            columns.append((values.values, [cells[index] for index in kept]))
+        kept_cells = [cells[index] for index in kept]
+        values = read_numbers(kept_cells, table.styles[name].comma).values
+        if np.isfinite(values).mean() > 0.5:
+            columns.append(_Numbers(values, kept_cells))
     for count in range(min(_MOST_SUMMARIES, len(kept) - _FEWEST_ROWS), 0, -1):
         first = len(kept) - count
-        named = [_statistic(columns, first, row) for row in range(first, len(kept))]
-        if all(named):
-            reasons = [f"is the {statistic} of the rows above" for statistic in named]
+        matches = [_match(columns, first, row) for row in range(first, len(kept))]
+        chance = math.prod(match.chance for match in matches)
+        if chance < _CHANCE and all(
+            match.chance < _LARGEST_CHANCE for match in matches
+        ):
+            reasons = [f"is the {match.name} of the rows above" for match in matches]
             return dict(zip(kept[first:], reasons, strict=True))
     return {}
 
 
-def _statistic(
-    columns: Sequence[tuple[Array, Sequence[str]]], first: int, position: int
-) -> str:
-    """Return which statistic of the rows above a row is in all its columns; `""` for none.
+def _match(columns: Sequence[_Numbers], first: int, position: int) -> _Match:
+    """Return which statistic of the rows above a row is in all its columns.
 
     Args:
-        columns: numbers and cells of each.
+        columns: of numbers.
         first: rows above it are summarised.
         position: of the row.
     """
-    chances: dict[str, float] = {}
+    chances: dict[str, float] | None = None
     compared = 0
     for values, cells in columns:
         above = values[:first]
         known = above[np.isfinite(above)]
         if len(known) < _FEWEST_ROWS or not np.isfinite(values[position]):
             continue
-        spread = float(np.ptp(known))
-        if spread == 0.0:
+        if np.ptp(known) == 0.0:
             continue
-        width = _WIDTH * spread + 0.5 * _last_digit(cells[position])
-        met = {}
-        for name, value in _statistics(known).items():
-            if abs(values[position] - value) <= width:
-                chance = min(1.0, 2.0 * width / spread)
-                if name in ("least", "largest"):
-                    chance = max(chance, 1.0 / len(np.unique(known)))
-                met[name] = chances.get(name, 1.0) * chance
+        gaps = len(above) - len(known)
+        digit = max(map(_last_digit, [cells[position], *cells[:_FORMATTED]]))
+        met = _met(known, values[position], digit, gaps)
         compared += 1
-        if compared > 1:
-            met = {name: chance for name, chance in met.items() if name in chances}
-        chances = met
+        if chances is None:
+            chances = met
+        else:
+            chances = {
+                name: met[name] * chances[name] for name in met if name in chances
+            }
         if not chances:
-            return ""
-    if compared < _FEWEST_COLUMNS:
-        return ""
+            return _Match("", 1.0)
+    if chances is None or compared < _FEWEST_COLUMNS:
+        return _Match("", 1.0)
     best = min(chances, key=lambda name: chances[name])
-    if chances[best] > _CHANCE:
-        return ""
-    return best
+    return _Match(best, chances[best])
+
+
+def _met(known: Array, value: float, digit: float, gaps: int) -> dict[str, float]:
+    """Return the statistics of a column that a value is, with the probability of each.
+
+    Args:
+        known: readings of the column.
+        value: of the cell.
+        digit: size of the last digit of the cells.
+        gaps: readings that are missing; a statistic may be of them too.
+    """
+    spread = float(np.ptp(known))
+    rounding = 0.6 * digit
+    repeated = len(np.unique(known)) < _DISTINCT * len(known)
+    met = {}
+    for name, statistic in _statistics(known).items():
+        width = rounding + spread * gaps / (len(known) + gaps)
+        if name not in _OF_ONE_READING:
+            width += _WIDTH * spread
+        if abs(value - statistic) > width:
+            continue
+        chance = min(1.0, 2.0 * width / spread)
+        if name in _OF_ONE_READING and repeated:
+            chance = max(chance, 1.0 / len(np.unique(known)))
+        met[name] = chance
+    return met
+
+
+_OF_ONE_READING = ("least", "largest")
+_FORMATTED = 20
+"""Cells by which the last digit of a column is judged."""
+_DISTINCT = 0.9
+"""Share of different readings below which a column holds set values, which tests repeat."""
 
 
 def _statistics(values: Array) -> Mapping[str, float]:
