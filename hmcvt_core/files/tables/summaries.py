@@ -123,10 +123,11 @@ class _Match(NamedTuple):
 
 
 class _Numbers(NamedTuple):
-    """A column of numbers and its cells."""
+    """A column of numbers, its cells, and whether their decimal sign is a comma."""
 
     values: Array
     cells: Sequence[str]
+    comma: bool
 
 
 def _statistics_below(table: RawTable, kept: Sequence[int]) -> dict[int, str]:
@@ -141,9 +142,10 @@ def _statistics_below(table: RawTable, kept: Sequence[int]) -> dict[int, str]:
     columns = []
     for name, cells in table.columns.items():
         kept_cells = [cells[index] for index in kept]
-        values = read_numbers(kept_cells, table.styles[name].comma).values
+        comma = table.styles[name].comma
+        values = read_numbers(kept_cells, comma).values
         if np.isfinite(values).mean() > 0.5:
-            columns.append(_Numbers(values, kept_cells))
+            columns.append(_Numbers(values, kept_cells, comma))
     for count in range(min(_MOST_SUMMARIES, len(kept) - _FEWEST_ROWS), 0, -1):
         first = len(kept) - count
         matches = [_match(columns, first, row) for row in range(first, len(kept))]
@@ -166,7 +168,7 @@ def _match(columns: Sequence[_Numbers], first: int, position: int) -> _Match:
     """
     chances: dict[str, float] | None = None
     compared = 0
-    for values, cells in columns:
+    for values, cells, comma in columns:
         above = values[:first]
         known = above[np.isfinite(above)]
         if len(known) < _FEWEST_ROWS or not np.isfinite(values[position]):
@@ -174,7 +176,8 @@ def _match(columns: Sequence[_Numbers], first: int, position: int) -> _Match:
         if np.ptp(known) == 0.0:
             continue
         gaps = len(above) - len(known)
-        digit = max(map(_last_digit, [cells[position], *cells[:_FORMATTED]]))
+        compared_cells = [cells[position], *cells[:_FORMATTED]]
+        digit = max(_last_digit(cell, comma) for cell in compared_cells)
         met = _met(known, values[position], digit, gaps)
         compared += 1
         if chances is None:
@@ -237,12 +240,16 @@ def _statistics(values: Array) -> Mapping[str, float]:
     }
 
 
-def _last_digit(cell: str) -> float:
-    """Return the size of the last digit of a number, as 0.01 of `3.25`."""
-    decimals = re.search(r"[.,](\d+)\D*$", cell)
-    if decimals is None:
-        return 1.0 if cell.isdigit() else 0.0
-    return float(10.0 ** -len(decimals[1]))
+def _last_digit(cell: str, comma: bool) -> float:
+    """Return the size of the last digit of a number, as 0.01 of `3.25`; 0 for no number."""
+    if not is_number(cell):
+        return 0.0
+    sign = "," if comma else "."
+    _, _, decimals = cell.partition(sign)
+    digits = re.match(r"\d*", decimals)
+    if digits is None:
+        return 1.0
+    return float(10.0 ** -len(digits[0]))
 
 
 def header_rows(table: RawTable, rows: Sequence[int]) -> dict[int, str]:
