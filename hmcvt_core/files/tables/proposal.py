@@ -521,7 +521,7 @@ def _unit(quantity: str, meaning: Meaning, below: str, numbers: Numbers) -> _Uni
         if unit_of(below) == meaning.unit:
             why = "row of units"
         return _checked_unit(kind, meaning.unit.name, why)
-    if below and unit_of(below) is None and kind != "part":
+    if below and unit_of(below) is None:
         return _UnitChoice(doubt=f"the unit {below!r} in the row of units is not known")
     if numbers.units:
         return _checked_unit(kind, numbers.units[0], "cells")

@@ -208,7 +208,7 @@ def _met(known: Array, value: float, digit: float, gaps: int) -> dict[str, float
     repeated = len(np.unique(known)) < _DISTINCT * len(known)
     met = {}
     for name, statistic in _statistics(known).items():
-        width = rounding + spread * gaps / (len(known) + gaps)
+        width = rounding + 2.0 * spread * gaps / (len(known) + gaps)
         if name not in _OF_ONE_READING:
             width += _WIDTH * spread
         if abs(value - statistic) > width:
