@@ -14,8 +14,17 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import InputError
-from .numbers import Numbers, Style, decimal_styles, is_number, read_numbers
+from .numbers import (
+    Numbers,
+    Style,
+    decimal_styles,
+    is_number,
+    parsed,
+    read_numbers,
+)
 from .reading import (
     SEPARATORS,
     consistent_rows,
@@ -142,7 +151,10 @@ def read_table(
         sheets = [Sheet("", split_rows(text, separator, source))]
     chosen, top, header = _best_sheet(sheets, names, header_row, source)
     columns, units, rows, broken = _body(chosen, top, header, source)
-    styles = decimal_styles(columns, decimal, separator == ",")
+    if separator == "sheet":
+        columns, styles = _with_plain_texts(columns, rows, chosen.text_numbers, decimal)
+    else:
+        styles = decimal_styles(columns, decimal, separator == ",")
     doubled = [
         name for name in dict.fromkeys(header) if name and header.count(name) > 1
     ]
@@ -200,6 +212,50 @@ def _best_sheet(
             f"{source}: the sheet {chosen.name!r} with the table is hidden: add {options}"
         )
     return chosen, top, header
+
+
+def _with_plain_texts(
+    columns: Mapping[str, Sequence[str]],
+    rows: Sequence[int],
+    text_numbers: Collection[tuple[int, int]],
+    decimal: str | None,
+) -> tuple[dict[str, Sequence[str]], dict[str, Style]]:
+    """Write numbers that a sheet holds as text with a decimal point, as its other cells are.
+
+    Args:
+        columns: cells by column.
+        rows: number of each row in the sheet.
+        text_numbers: row and column of numbers that are text.
+        decimal: `point` or `comma`, where the user says so.
+
+    Returns:
+        Columns, and their styles; doubtful where the texts can be read in two ways.
+    """
+    texts: dict[str, list[int]] = {}
+    for position, name in enumerate(columns):
+        held = [
+            index for index, row in enumerate(rows) if (row, position) in text_numbers
+        ]
+        if held:
+            texts[name] = held
+    cells_of_text = {
+        name: [columns[name][index] for index in held] for name, held in texts.items()
+    }
+    styles = decimal_styles(cells_of_text, decimal, False)
+    plain = dict(columns)
+    for name, held in texts.items():
+        if not styles[name].comma:
+            continue
+        cells = list(columns[name])
+        for index in held:
+            value, unit = parsed(cells[index], True)
+            if np.isfinite(value):
+                cells[index] = f"{value!r} {unit}".strip()
+        plain[name] = cells
+    taken = {name: Style(False) for name in columns}
+    for name, style in styles.items():
+        taken[name] = Style(False, style.doubtful)
+    return plain, taken
 
 
 def _hidden(sheet: Sheet, columns: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

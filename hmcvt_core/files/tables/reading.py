@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from .workbook import Sheet, number_text, read_workbook
+from .workbook import Sheet, is_text_number, number_text, read_workbook
 
 SPREADSHEETS = {
     ".xlsx": "openpyxl",
@@ -211,9 +211,13 @@ def _read_by_pandas(raw: bytes) -> list[Sheet]:
     sheets = []
     for name, frame in frames.items():
         rows = []
-        for cells in frame.itertuples(index=False):
+        texts = set()
+        for number, cells in enumerate(frame.itertuples(index=False), 1):
             rows.append([_cell_text(cell) for cell in cells])
-        sheets.append(Sheet(str(name), rows))
+            for column, cell in enumerate(cells):
+                if is_text_number(cell):
+                    texts.add((number, column))
+        sheets.append(Sheet(str(name), rows, text_numbers=frozenset(texts)))
     return sheets
 
 

@@ -21,6 +21,7 @@ _MERGED = re.compile(r"<mergeCell ref=\"([A-Z]+)(\d+):([A-Z]+)(\d+)\"")
 _NO_VALUE = re.compile(
     r"<c r=\"([A-Z]+)(\d+)\"[^>]*><f(?:[^>]*/>|[^>]*>([^<]*)</f>)(?:<v\s*/>|<v></v>)?</c>"
 )
+_TEXT_NUMBER = re.compile(r"\s*[+-]?\d*[.,]\d")
 _LITERAL = re.compile(r"\"([^\"]*)\"|\\(.)")
 
 
@@ -33,6 +34,7 @@ class Sheet(NamedTuple):
         hidden: whether the sheet is hidden.
         hidden_rows: hidden rows, from 1.
         hidden_columns: hidden columns, from 0.
+        text_numbers: row, from 1, and column, from 0, of text with a decimal sign.
         merged_ends: row, from 1, and last column, from 0, of cells merged across columns.
     """
 
@@ -42,6 +44,7 @@ class Sheet(NamedTuple):
     hidden_rows: frozenset[int] = frozenset()
     hidden_columns: frozenset[int] = frozenset()
     merged_ends: frozenset[tuple[int, int]] = frozenset()
+    text_numbers: frozenset[tuple[int, int]] = frozenset()
 
 
 def read_workbook(raw: bytes) -> list[Sheet]:
@@ -63,14 +66,19 @@ def read_workbook(raw: bytes) -> list[Sheet]:
         worksheet.reset_dimensions()
         rows = []
         formats: dict[str, _Format] = {}
-        for cells in worksheet.iter_rows():
+        texts = set()
+        for number, cells in enumerate(worksheet.iter_rows(), 1):
             rows.append([_shown(cell, formats) for cell in cells])
+            for column, cell in enumerate(cells):
+                if is_text_number(cell.value):
+                    texts.add((number, column))
         width = max(map(len, rows), default=0)
         for row in rows:
             row += [""] * (width - len(row))
         hidden = worksheet.sheet_state != "visible"
         xml = parts.get(worksheet.title, "")
-        sheets.append(_with_layout(Sheet(worksheet.title, rows, hidden), xml))
+        sheet = Sheet(worksheet.title, rows, hidden, text_numbers=frozenset(texts))
+        sheets.append(_with_layout(sheet, xml))
     return sheets
 
 
@@ -118,6 +126,11 @@ def _shown(cell: Any, formats: dict[str, _Format]) -> str:
     if shown.unit:
         return f"{text} {shown.unit}"
     return text
+
+
+def is_text_number(value: Any) -> bool:
+    """Return whether a value is text that begins as a number with a decimal sign."""
+    return isinstance(value, str) and _TEXT_NUMBER.match(value) is not None
 
 
 def number_text(value: float) -> str:
