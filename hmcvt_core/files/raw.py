@@ -241,11 +241,7 @@ def import_table(
     values.setdefault("efficiency", out / into)
     bad = _bad_rows(values, columns, table)
     if not unchecked:
-        odd = odd_oil(values)
-        if "stage" not in proposal.columns:
-            odd |= odd_ratios(values)
-        for index, reason in odd.items():
-            bad.setdefault(table.rows[index], reason)
+        bad = _odd_rows(values, "stage" in proposal.columns, table) | bad
     kept = [index for index, row in enumerate(table.rows) if row not in bad]
     left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
     if left_out and not (skip_bad and kept):
@@ -258,6 +254,22 @@ def import_table(
     if note:
         notes.append(note)
     return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+
+
+def _odd_rows(
+    values: Mapping[str, Array], has_stages: bool, table: RawTable
+) -> dict[int, str]:
+    """Return rows whose values do not fit those of the others, by number.
+
+    Args:
+        values: SI values by quantity.
+        has_stages: whether a column names the stage, on which the speed ratio depends.
+        table: where they stand.
+    """
+    odd = odd_oil(values)
+    if not has_stages:
+        odd |= odd_ratios(values)
+    return {table.rows[index]: reason for index, reason in odd.items()}
 
 
 def _bench(

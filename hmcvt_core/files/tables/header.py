@@ -435,27 +435,47 @@ def _body(
     rows, cells, broken = _complete_rows(body, width, shortest, top)
     if len(broken) > _LONG_ROWS * (len(body) or 1) and len(broken) > 1:
         _refuse_lengths(header, top, broken, len(body), source)
-    units: dict[str, str] = {}
-    position = _row_of_units(cells)
-    if position is not None:
-        units = dict(zip(names, cells[position], strict=True))
-        for kinds in cells[:position]:
-            names = _with_kinds(names, kinds)
-        units = dict(zip(names, units.values(), strict=True))
-        cells = cells[position + 1 :]
-        rows = rows[position + 1 :]
-    elif top > 1 and _mostly_units(all_rows[top - 2]):
-        above = [*all_rows[top - 2], *[""] * width][:width]
-        units = dict(zip(names, above, strict=True))
-    for number in sheet.hidden_rows:
-        if top < number <= len(all_rows) and any(all_rows[number - 1]):
-            broken[number] = "is hidden in the sheet"
+    names, units, first = _units_of(names, cells, all_rows[:top])
+    cells = cells[first:]
+    rows = rows[first:]
+    broken |= _hidden_rows(sheet, top)
     if not cells and not broken:
         raise InputError(f"{source}: holds a header but no samples")
     columns: dict[str, Sequence[str]] = dict.fromkeys(names, ())
     if cells:
         columns = dict(zip(names, zip(*cells, strict=True), strict=True))
     return columns, units, rows, broken
+
+
+def _units_of(
+    names: list[str], cells: Sequence[list[str]], above: Sequence[list[str]]
+) -> tuple[list[str], dict[str, str], int]:
+    """Return the names of the columns, their units, and the position of the first test.
+
+    Args:
+        names: of the header.
+        cells: rows below the header; the row of units may be among the first.
+        above: rows down to the header; the row of units may be the last but one.
+    """
+    position = _row_of_units(cells)
+    if position is not None:
+        for kinds in cells[:position]:
+            names = _with_kinds(names, kinds)
+        units = dict(zip(names, cells[position], strict=True))
+        return names, units, position + 1
+    if len(above) > 1 and _mostly_units(above[-2]):
+        padded = [*above[-2], *[""] * len(names)]
+        return names, dict(zip(names, padded, strict=False)), 0
+    return names, {}, 0
+
+
+def _hidden_rows(sheet: Sheet, top: int) -> dict[int, str]:
+    """Return the filled rows below a header that a sheet hides."""
+    hidden = {}
+    for number in sheet.hidden_rows:
+        if top < number <= len(sheet.rows) and any(sheet.rows[number - 1]):
+            hidden[number] = "is hidden in the sheet"
+    return hidden
 
 
 def _row_of_units(cells: Sequence[list[str]]) -> int | None:

@@ -72,27 +72,34 @@ def summary_rows(table: RawTable) -> dict[int, str]:
 
 def _labelled(cells: Sequence[str]) -> dict[int, str]:
     """Return the cells of a column that say that their row is no test."""
-    texts = set()
-    numbers = 0
-    for cell in cells:
-        if is_number(cell):
-            numbers += 1
-        elif cell and not not_available(cell):
-            texts.add(cell)
+    texts = {cell for cell in set(cells) if _is_text(cell)}
     if not texts:
         return {}
     summaries = {text for text in texts if says_summary(text)}
     if len(cells) > 1 and all(cell in summaries for cell in cells):
         # Where every row is a statistic, those of a mean are the tests.
         summaries = {text for text in summaries if not _says_mean(text)}
-    numbered = numbers >= _FEWEST_ROWS and numbers > len(cells) / 2
-    found = {}
+    words = set()
+    if _holds_numbers(cells):
+        words = {text for text in texts if text.replace(" ", "").isalpha()}
+    reasons = {}
     for index, cell in enumerate(cells):
         if cell in summaries:
-            found[index] = f"{cell!r} is no test"
-        elif numbered and cell in texts and cell.replace(" ", "").isalpha():
-            found[index] = f"{cell!r} stands where other rows have a number"
-    return found
+            reasons[index] = f"{cell!r} is no test"
+        elif cell in words:
+            reasons[index] = f"{cell!r} stands where other rows have a number"
+    return reasons
+
+
+def _is_text(cell: str) -> bool:
+    """Return whether a cell holds text and neither a number nor a code for no value."""
+    return bool(cell) and not is_number(cell) and not not_available(cell)
+
+
+def _holds_numbers(cells: Sequence[str]) -> bool:
+    """Return whether most cells of a column are numbers."""
+    numbers = sum(map(is_number, cells))
+    return numbers >= _FEWEST_ROWS and numbers > len(cells) / 2
 
 
 def _words(text: str) -> list[str]:
