@@ -531,11 +531,11 @@ def _bad_rows(
     values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
 ) -> dict[int, str]:
     """Return what is wrong with rows, by number."""
-    without_number = np.ones(len(table.rows), dtype=bool)
+    with_text = np.zeros(len(table.rows), dtype=bool)
     for quantity in set(columns) - {"stamp", "stage"}:
-        without_number &= np.isnan(values[quantity])
+        with_text |= np.isnan(values[quantity])
     bad = dict(table.broken)
-    bad |= header_rows(table, np.flatnonzero(without_number).tolist())
+    bad |= header_rows(table, np.flatnonzero(with_text).tolist())
     bad |= _repeated_rows(table)
     for row, reason in summary_rows(table).items():
         bad.setdefault(row, reason)

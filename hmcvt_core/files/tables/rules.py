@@ -451,7 +451,7 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
             against |= sides
     elif kind in SHAFT_KINDS:
         listed = _DIFFERENCE
-        against |= means & {"pump", "feed", "oil"}
+        against |= means & {"pump", "feed", "oil", "std"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
     lowered = [word.lower() for word in words]
@@ -580,8 +580,6 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     """
     sides = means & {"engine", "output", "load"}
     if kind in SHAFT_KINDS:
-        if "std" in means:
-            return "", ""
         if sides == {"engine", "output"} and "of the engine" in " ".join(words):
             sides = {"engine"}
         if not sides:

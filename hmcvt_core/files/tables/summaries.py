@@ -264,7 +264,7 @@ def header_rows(table: RawTable, rows: Sequence[int]) -> dict[int, str]:
 
     Args:
         table: as text.
-        rows: positions of the rows that hold no number where a quantity needs one.
+        rows: positions of the rows with a cell that holds no number where a quantity needs one.
 
     Raises:
         InputError: a row names other columns or units, so that those below mean something else.
