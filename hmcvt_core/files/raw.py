@@ -7,7 +7,6 @@ columns, `import_table` converts and checks the values and makes the samples.
 
 import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
@@ -21,7 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
-from .tables.numbers import is_number, no_number, not_available, parsed, read_numbers
+from .tables.numbers import no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
     OUTPUTS,
@@ -35,7 +34,9 @@ from .tables.proposal import (
     propose,
 )
 from .tables.rules import meaning_of
+from .tables.shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
 from .tables.stamps import joined_stamps, read_times
+from .tables.summaries import header_rows, summary_rows
 from .tables.units import UNITS, kind_of, to_si, unit_of
 
 __all__ = [
@@ -54,19 +55,7 @@ _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
-_FEWEST_AVERAGED = 3
-_FEWEST_MEAN_COLUMNS = 3
-_MEAN_WIDTH = 2e-3
-"""Part of the spread of a column by which its mean is rounded; three columns at once meet it by
-chance in fewer than one of a million tables."""
 _MOST_SHOWN = 20  # rows in one message
-STATISTIC = re.compile(
-    r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|"
-    r"total|rms|standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|"
-    r"standardabweichung|moyenne|m\u00e9diane|\u00e9cart[ -]type|media|promedio)\.?:?",
-    re.IGNORECASE,
-)
-"""A cell that makes a row a summary of others."""
 
 
 class Imported(NamedTuple):
@@ -191,8 +180,7 @@ def _assumed_units(
         stated = meaning_of(name, table.units.get(name, "")).unit
         if stated is not None and stated.name != "-":
             continue
-        comma = table.styles[name].comma
-        if not read_numbers(table.columns[name], comma).units:
+        if not table.numbers(name).units:
             notes.append(f"unit assumed: {column.unit} (column {name!r} names none)")
     return notes
 
@@ -252,6 +240,8 @@ def import_table(
     values.setdefault("load_torque", out / values["engine_speed"])
     values.setdefault("efficiency", out / into)
     bad = _bad_rows(values, columns, table)
+    if not unchecked:
+        bad = _odd_rows(values, "stage" in proposal.columns, table) | bad
     kept = [index for index, row in enumerate(table.rows) if row not in bad]
     left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
     if left_out and not (skip_bad and kept):
@@ -260,7 +250,26 @@ def import_table(
     if not unchecked:
         spares = _rows(_all_values(proposal.spares, table), kept)
         _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table)
+    note = shafts_note(taken, columns)
+    if note:
+        notes.append(note)
     return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+
+
+def _odd_rows(
+    values: Mapping[str, Array], has_stages: bool, table: RawTable
+) -> dict[int, str]:
+    """Return rows whose values do not fit those of the others, by number.
+
+    Args:
+        values: SI values by quantity.
+        has_stages: whether a column names the stage, on which the speed ratio depends.
+        table: where they stand.
+    """
+    odd = odd_oil(values)
+    if not has_stages:
+        odd |= odd_ratios(values)
+    return {table.rows[index]: reason for index, reason in odd.items()}
 
 
 def _bench(
@@ -295,8 +304,10 @@ def _rows(values: Mapping[str, Array], kept: Sequence[int]) -> dict[str, Array]:
 def _refuse_shared_columns(columns: Mapping[str, Column], table: RawTable) -> None:
     names = [column.name for column in columns.values()]
     for quantity, column in columns.items():
+        if names.count(column.name) == 1:
+            continue
         constant = set(table.columns[column.name]) == {column.name}
-        if names.count(column.name) > 1 and not constant:
+        if not constant:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
 
 
@@ -364,7 +375,7 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
         raise InputError(f"{table.source}: {question}")
     kind = kind_of(quantity)
     taken = to_si(kind, unit)
-    numbers = read_numbers(table.columns[name], style.comma)
+    numbers = table.numbers(name)
     below = unit_of(table.units.get(name, ""))
     stated = []
     if below is not None:
@@ -375,7 +386,7 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
         if other == "-" and kind != "part":
             continue  # a dash in a row of units stands for none
         try:
-            same = to_si(kind, other) == taken
+            same = to_si(kind, other) == to_si(kind, unit.partition("@")[0])
             cure = f"; write {name}:{other}"
         except KeyError:
             same = False
@@ -497,6 +508,8 @@ def _refuse_contradictions(
 ) -> None:
     """Raise an `InputError` where values contradict each other or look like another unit."""
     problems = [*contradictions(stated, spares), *implausible(values, columns)]
+    if not problems:
+        problems += exchanged_shafts(stated, columns)
     if problems:
         raise InputError(
             f"{table.source}: {'; '.join(problems)} (name column and unit, or --unchecked "
@@ -518,7 +531,14 @@ def _bad_rows(
     values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
 ) -> dict[int, str]:
     """Return what is wrong with rows, by number."""
-    bad = dict(table.broken) | _repeated_rows(table) | _summary_rows(table)
+    with_text = np.zeros(len(table.rows), dtype=bool)
+    for quantity in set(columns) - {"stamp", "stage"}:
+        with_text |= np.isnan(values[quantity])
+    bad = dict(table.broken)
+    bad |= header_rows(table, np.flatnonzero(with_text).tolist())
+    bad |= _repeated_rows(table)
+    for row, reason in summary_rows(table).items():
+        bad.setdefault(row, reason)
     for quantity, column in values.items():
         limits = RANGES[quantity]
         remark = _COMPUTED
@@ -558,34 +578,3 @@ def _repeated_rows(table: RawTable) -> dict[int, str]:
         if earlier != number:
             repeated[number] = f"copies row {earlier}"
     return repeated
-
-
-def _is_mean_of_rows_above(table: RawTable) -> bool:
-    """Return whether the last row is the mean of all others, in columns enough to tell."""
-    compared = 0
-    for name, cells in table.columns.items():
-        values = read_numbers(cells, table.styles[name].comma).values
-        above = values[:-1]
-        spread = np.ptp(above) if len(above) >= _FEWEST_AVERAGED else 0.0
-        if not np.isfinite(values).all() or spread == 0.0:
-            continue
-        if abs(values[-1] - above.mean()) > _MEAN_WIDTH * spread:
-            return False
-        compared += 1
-    return compared >= _FEWEST_MEAN_COLUMNS
-
-
-def _summary_rows(table: RawTable) -> dict[int, str]:
-    """Return rows of means, maxima and the like."""
-    summaries: dict[int, str] = {}
-    for cells in table.columns.values():
-        words = {cell for cell in set(cells) if cell and not is_number(cell)}
-        statistics = {word for word in words if STATISTIC.fullmatch(word)}
-        if not statistics:
-            continue
-        for number, cell in zip(table.rows, cells, strict=True):
-            if cell in statistics:
-                summaries.setdefault(number, f"{cell!r} is no test")
-    if _is_mean_of_rows_above(table):
-        summaries.setdefault(table.rows[-1], "is the mean of the rows above")
-    return summaries

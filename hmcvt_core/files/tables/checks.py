@@ -41,6 +41,13 @@ _LEAST_EFFICIENCY = 0.3
 _LEAST_ENGINE_SPEED = 60.0
 """Engine speed in rad/s that some test exceeds: 573 r/min, below the idle of a tractor's engine;
 turns per second stay below it."""
+_WIDEST_STEP = 3.0
+"""Factor between neighbouring engine speeds of a bench; between r/min and rad/s it is larger."""
+_FRACTION = 0.0105
+"""Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
+_FEWEST_IN_BLOCK = 3
+_HOTTEST_OIL = 130.0
+"""Oil temperature in deg C that some test of a bench stays below; 54 deg C are 130 deg F."""
 _LEAST_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
@@ -161,6 +168,7 @@ def implausible(
                 f"efficiency by the shafts is {middle:.3g} in the middle: are {suspect} "
                 "mixed up?"
             )
+    problems += _mixed_units(values, columns)
     for quantity, least, hint in limits:
         if quantity not in values or len(values[quantity]) < 3:
             continue
@@ -173,6 +181,60 @@ def implausible(
                 )
             problems.append(f"{quantity} is at most {largest:.4g}{where}: {hint}")
     return problems
+
+
+def _mixed_units(
+    values: Mapping[str, Array], columns: Mapping[str, Column]
+) -> list[str]:
+    """Return which columns seem to be of two units, or of another one than was taken."""
+    problems = []
+    small = _small_block(values["displacement_ratio"])
+    if small:
+        problems.append(
+            f"displacement_ratio is at most {_FRACTION} in {small} tests in a row and large in "
+            "the others: does its unit change within the table?"
+        )
+    speeds = np.sort(values["engine_speed"][values["engine_speed"] > 0.0])
+    if len(speeds) > 1:
+        steps = speeds[1:] / speeds[:-1]
+        widest = int(np.argmax(steps))
+        if steps[widest] > _WIDEST_STEP:
+            problems.append(
+                f"engine_speed is up to {speeds[widest]:.4g} rad/s in some tests and from "
+                f"{speeds[widest + 1]:.4g} rad/s in the others: does its unit change within "
+                "the table?"
+            )
+    oil = values.get("oil_temperature")
+    if oil is not None and np.nanmin(oil, initial=np.inf) > _HOTTEST_OIL:
+        problems.append(
+            f"oil_temperature is at least {np.nanmin(oil):.4g} deg C: is it in deg F?"
+        )
+    column = columns.get("efficiency")
+    if column is not None and column.why == "range":
+        middle = float(np.nanmedian(values["efficiency"]))
+        if middle < _LEAST_EFFICIENCY:
+            problems.append(
+                f"efficiency is {middle:.3g} in the middle, with {column.unit} taken for the "
+                f"unit of column {column.name!r}, which names none"
+            )
+    return problems
+
+
+def _small_block(stroke: Array) -> int:
+    """Return how many tests at an end of a table have strokes in percent that are fractions.
+
+    A sensor reads near zero in neutral, but not all values up to 1 %.
+    """
+    size = np.abs(stroke)
+    if len(size) < 2 * _FEWEST_IN_BLOCK or size.max() < 0.5:
+        return 0
+    for ordered in (size, size[::-1]):
+        large = np.flatnonzero(ordered > _FRACTION)
+        count = int(large[0])
+        block = ordered[:count]
+        if count >= _FEWEST_IN_BLOCK and block.max() > 0.5 * _FRACTION:
+            return count
+    return 0
 
 
 def suspect_efficiency(efficiency: Array) -> str:

@@ -17,7 +17,13 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import BENCH_COLUMNS, Array, Range
 from .header import RawTable
-from .numbers import Numbers, Style, finite_share, read_numbers
+from .numbers import (
+    Numbers,
+    Style,
+    finite_share,
+    no_number,
+    not_available,
+)
 from .rules import SHAFT_KINDS, Meaning, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
@@ -46,6 +52,7 @@ _SPARE = (
 )
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
+_NEUTRAL_OPEN = "is the pump in neutral at 0 or in the middle of the range"
 _ANGLE = re.compile(
     r"alpha|angle|angul|swash|swivel|schwenk|winkel|plateau|\u659c\u76d8|\u89d2"
 )
@@ -256,6 +263,7 @@ def propose(
     doubtful = {name for name in spares if name in questions}
     for name in doubtful:
         del spares[name]
+    notes += _excluded(table, {*given, *proposed})
     notes += _without_optional(_OPTIONAL, proposed, questions)
     if averaged:
         notes += _without_optional(["stamp"], proposed, questions)
@@ -278,11 +286,39 @@ def _all_candidates(
         if name in named:
             continue
         candidate, note = _candidate(name, table)
+        if name in table.hidden:
+            if candidate is not None:
+                notes.append(f"column {name!r} is not used: the sheet hides it")
+            continue
         if candidate is not None and candidate.quantity not in given:
             candidates.setdefault(candidate.quantity, []).append(candidate)
         if note:
             notes.append(note)
     return candidates, notes
+
+
+def _excluded(table: RawTable, known: Set[str]) -> list[str]:
+    """Return why columns of the kinds that are missing are not used.
+
+    Args:
+        table: as text.
+        known: quantities that have a column.
+    """
+    missing = " ".join(missing_quantities(known)).replace("displacement", "stroke")
+    notes = []
+    for name in table.columns:
+        meaning = meaning_of(name, table.units.get(name, ""))
+        if not meaning.excluded or not meaning.kind or meaning.kind not in missing:
+            continue
+        answer = ""
+        quantity = {"stroke": "displacement_ratio"}.get(meaning.kind, meaning.kind)
+        if quantity in UNITS:
+            unit = meaning.unit.name if meaning.unit is not None else ""
+            answer = f" ({option(quantity, name, unit)} uses it)"
+        notes.append(
+            f"column {name!r} is not used: its name says {meaning.excluded!r}{answer}"
+        )
+    return notes
 
 
 def _without_optional(
@@ -313,13 +349,17 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     if quantity == "stamp":
         return _time_candidate(name, meaning, table)
     style = table.styles[name]
-    numbers = read_numbers(table.columns[name], style.comma)
+    numbers = table.numbers(name)
     if finite_share(numbers.values) == 0.0:
         return None, _no_numbers(name, quantity, table)
     choice = _unit(quantity, meaning, below, numbers)
     doubt = _doubt(name, meaning, style, choice)
-    if quantity == "displacement_ratio" and choice.why == "range" and not doubt:
-        doubt = _stroke_doubt(name, numbers.values)
+    if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
+        doubt = _unusual_unit_doubt(name, table)
+    if quantity == "displacement_ratio" and not doubt:
+        if choice.why == "range":
+            doubt = _stroke_doubt(name, numbers.values)
+        doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
     candidate = _Candidate(
@@ -330,11 +370,15 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
 
 def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
     """Say why a column without any number is refused."""
+    filled = [cell for cell in table.columns[name] if cell]
+    texts = [cell for cell in filled if not not_available(cell)]
     reason = "it is empty"
-    for cell in table.columns[name]:
-        if cell:
-            reason = f"cell {cell!r} is no number"
-            break
+    if texts:
+        reason = f"cell {texts[0]!r} is no number"
+        if texts[0].startswith("="):
+            reason = no_number("its cell", texts[0])
+    elif filled:
+        reason = f"all its cells are codes for no value, such as {filled[0]!r}"
     return f"column {name!r} would be {_words(quantity)}, but {reason}"
 
 
@@ -345,7 +389,7 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     brackets = _brackets(meaning)
     if brackets:
         return f"{brackets[0]} in column {name!r} is not known"
-    if meaning.unknown and choice.why in ("cells", "range", ""):
+    if meaning.unknown:
         words = ", ".join(map(repr, meaning.unknown))
         return f"{words} in column {name!r} is not known"
     if meaning.weak:
@@ -386,6 +430,47 @@ def _stroke_doubt(name: str, values: Array) -> str:
     if largest < _PERCENT_FROM or _ANGLE.search(plain_text(name).lower()):
         return f"column {name!r} names no unit and may hold an angle or a length"
     return ""
+
+
+_UNUSUAL = frozenset(
+    {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
+)
+"""Units of other columns beside which a torque without a unit may well not be in N m."""
+_UNUSUAL_WORDS = re.compile(
+    r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
+    re.IGNORECASE,
+)
+
+
+def _unusual_unit_doubt(name: str, table: RawTable) -> str:
+    """Return why a torque without a unit may be in another one than N m."""
+    said = _UNUSUAL_WORDS.search(table.above)
+    if said is not None:
+        return f"column {name!r} names no unit, and a line above says {said[0]!r}"
+    for other in table.columns:
+        meaning = meaning_of(other, table.units.get(other, ""))
+        unit = meaning.unit
+        if unit is None or meaning.weak or unit.name == "-":
+            continue
+        of_shaft = unit.kind in SHAFT_KINDS and not meaning.quantity.startswith("any_")
+        if of_shaft or unit.name in _UNUSUAL:
+            return f"column {name!r} names no unit, and {other!r} is in {unit.name}"
+    return ""
+
+
+def _neutral_doubt(name: str, unit: str, values: Array, table: RawTable) -> str:
+    """Return why the neutral of a stroke may be in the middle of its range."""
+    if name == "displacement_ratio" or not unit:
+        return ""
+    cells = table.columns[name]
+    for index in np.flatnonzero(np.isnan(values)).tolist():
+        if not not_available(cells[index]):
+            return ""  # the sign of a cell that cannot be read is not known
+    stroke = _in_si("displacement_ratio", unit, values)
+    known = stroke[np.isfinite(stroke)]
+    if known.min() < 0.0 or known.min() >= 0.5 or known.max() <= 0.5:
+        return ""
+    return f"column {name!r} is never negative: {_NEUTRAL_OPEN}"
 
 
 def _merge_decimals(questions: dict[str, Question]) -> None:
@@ -436,7 +521,7 @@ def _unit(quantity: str, meaning: Meaning, below: str, numbers: Numbers) -> _Uni
         if unit_of(below) == meaning.unit:
             why = "row of units"
         return _checked_unit(kind, meaning.unit.name, why)
-    if below and unit_of(below) is None and kind != "part":
+    if below and unit_of(below) is None:
         return _UnitChoice(doubt=f"the unit {below!r} in the row of units is not known")
     if numbers.units:
         return _checked_unit(kind, numbers.units[0], "cells")
@@ -512,7 +597,8 @@ def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     equals = []
     for rival in others:
         # A unit that is not known hides whether the column is in range.
-        unit_unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        unit_unknown = unknown and not rival.doubt.startswith(("'", '"'))
         if rival.rank == best.rank or unit_unknown:
             equals.append(rival)
     if not equals:
@@ -531,6 +617,11 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     if "two ways" in best.doubt:
         return Question(best.doubt, _DECIMALS)
     choices = tuple(UNITS.get(quantity, ()))[:2]
+    if kind_of(quantity) == "torque":
+        choices = ("N m", "lb ft")
+    unit_stated = best.rank[3]
+    if unit_stated and best.unit:
+        choices = (best.unit,)
     if quantity == "stamp":
         if "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
@@ -539,6 +630,9 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
             choices = ("dmy", "mdy")
     elif "radians or turns" in best.doubt:
         choices = ("rad/s", "turn/s")
+    elif _NEUTRAL_OPEN in best.doubt:
+        middle = {"%": "%@50", "-": "-@0.5"}
+        choices = (best.unit, middle[best.unit])
     answers = tuple(option(quantity, best.name, unit) for unit in choices)
     return Question(best.doubt, answers)
 
@@ -594,12 +688,14 @@ def _ask_torque_of_load(
 ) -> None:
     """Ask whether the torque of the load is that at the output shaft.
 
-    A bench says "load torque" of its load machine; bench samples refer it to the engine. Only
-    an efficiency together with an input decides, which the checks look at.
+    A bench says "load torque" of its load machine; bench samples refer it to the engine. An
+    efficiency together with an input decides, which the checks look at; where the output shaft
+    has a torque of its name, that one is taken and the other is compared with it.
     """
     column = proposed.get("load_torque")
     known = {*proposed, *given}
     decided = "efficiency" in known and bool(known & set(INPUTS))
+    decided = decided or "output_torque" in known
     if column is None or "output_speed" not in known or decided:
         return
     if column.name == "load_torque" or "load_torque" in questions:

@@ -54,7 +54,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "stage": "stage gang fahrbereich stufe",
         "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
         "\u6d41\u91cf",
-        "engine": "engine eng input inlet in an antrieb eingang antriebswelle "
+        "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
         "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
         "ingresso entrada motore vm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
         "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
@@ -76,8 +76,9 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "gearbox getriebe trans cvt hmcvt angular plate "
         "position pos angle winkel relative norm normalized percent delta d diff "
         "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
-        "elapsed test abs absolute lokal utc sec \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
-        "\u53d8\u901f\u7bb1 \u673a\u68b0 bench pruefstand x",
+        "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
+        "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
+        "\u53d8\u901f\u7bb1 bench pruefstand x",
         "other": "loss losses verlust verluste perte perdida perdita fuel kraftstoff "
         "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
         "commanded demand demanded desired requested request limit limits max maximum "
@@ -85,6 +86,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
         "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
         "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
+        "volumetrique volumique mecanique volumetrico mecanico mecanica volumetrica meccanico "
+        "\u5bb9\u79ef \u673a\u68b0 "
         "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
         "carrier number nr nummer no count start stop end duration dauer operating "
         "remaining operation betriebsstunden air luft intake manifold charge_air "
@@ -110,6 +113,16 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
+_OF_A_PART = frozenset(
+    {
+        *("gear", "gears", "zahnrad", "verzahnung", "planetary", "planet", "mesh"),
+        *("differential", "clutch", "kupplung", "variator", "hst", "hydrostat"),
+        *("brake", "belt", "drive", "axle", "stage", "stufe"),
+    }
+)
+"""Beside an efficiency these words name a part of the transmission, or more than it."""
+_DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
+"""Beside what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
         *("drehzahl", "drehmoment", "moment", "leistung"),
@@ -149,6 +162,8 @@ SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Letters that stand for a quantity, the usual one first; a unit or another column decides."""
+_SIDE_LETTERS = frozenset("aeio")
+"""Letters that are a side of the transmission unless a word names it: then they count parts."""
 _WEAK_SYMBOLS = frozenset("mTtPpsw")
 """Letters that alone, without a unit, do not name a quantity for sure."""
 
@@ -210,6 +225,7 @@ class Meaning(NamedTuple):
         unknown: words and brackets that are not understood.
         problem: why the column cannot be taken without asking; `""` for no problem.
         weak: whether only a letter of several uses names it.
+        excluded: word that says that the column is none of the quantities; `""` for none.
     """
 
     quantity: str = ""
@@ -218,6 +234,7 @@ class Meaning(NamedTuple):
     unknown: tuple[str, ...] = ()
     problem: str = ""
     weak: bool = False
+    excluded: str = ""
 
 
 def _dictionary() -> dict[str, tuple[str, ...]]:
@@ -229,11 +246,30 @@ def _dictionary() -> dict[str, tuple[str, ...]]:
 
 
 _MEANINGS = _dictionary()
-_LONG = sorted((w for w in _MEANINGS if len(w) > 3 or not w.isascii()), key=len)[::-1]
+_SHORT_PARTS = ("oel", "oil")
+"""Short words that compounds begin with, as in `Oeltemperatur`."""
+
+
+def _compound_parts() -> list[str]:
+    """Return the words of which compounds are made, the longest first."""
+    parts = []
+    for word in _MEANINGS:
+        if len(word) > 3 or not word.isascii() or word in _SHORT_PARTS:
+            parts.append(word)
+    return sorted(parts, key=len, reverse=True)
+
+
+_LONG = _compound_parts()
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
-_SUFFIX = re.compile(r"[_ ]([^_ ]+(?:[_ ]ft)?)$")
+_SCALED = re.compile(
+    r"[_ ](?:in |/ )?((?:x ?)?(?:10|100|1000|10\^3)[ x*]+[A-Za-z]\S*)$"
+)
+_SUFFIX = re.compile(
+    r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
+    r"[^_ ]+(?:[_ ]ft)?)$"
+)
 
 
 @lru_cache(maxsize=4096)
@@ -258,7 +294,8 @@ def _word_meanings(word: str) -> tuple[str, ...]:
 
 def _tokens(name: str) -> list[str]:
     """Return the words of a name in their own case."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain_text(name))
+    text = plain_text(name.replace("+/-", " std "))
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
     text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
     return re.findall(r"[^\W_]+", text)
@@ -298,6 +335,11 @@ def _take_apart(cell: str) -> _Parts:
 
 def _without_suffix(name: str) -> _Parts:
     """Split off a unit that follows the name without brackets, as in `n_engine_rpm`."""
+    scaled = _SCALED.search(name)
+    if scaled is not None:
+        known = unit_of(scaled[1])
+        if known is not None:
+            return _Parts(_tokens(name[: scaled.start()]), known)
     delimited = _DELIMITED.search(name)
     if delimited is not None:
         known = usual_unit(delimited[1])
@@ -383,11 +425,60 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
-    is_ratio = "ratio" in words and kind not in ("stroke", "efficiency")
-    if "other" in means or is_ratio:
-        return Meaning("", kind, unit, unknown, problem)
+    excluding = _excluding(parts.words, kind, means)
+    if excluding:
+        return Meaning("", kind, unit, unknown, problem, excluded=excluding)
     quantity, side_problem = _by_rules(kind, means, words)
-    return Meaning(quantity, kind, unit, unknown, problem or side_problem, weak)
+    clash = _kinds_clash(quantity, kind, words)
+    problem = problem or side_problem or clash
+    return Meaning(quantity, kind, unit, unknown, problem, weak)
+
+
+def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
+    """Return the word of a name that says that it is none of the quantities; `""` for none.
+
+    Args:
+        words: of the name.
+        kind: what is measured.
+        means: meanings of the words.
+    """
+    against = {"other"} & means
+    listed: Set[str] = frozenset()
+    if kind == "efficiency":
+        listed = _OF_A_PART | _OF_THE_HYDRAULICS
+        sides = means & {"engine", "output", "load", "pump"}
+        if len(sides) == 1:  # that of the transmission is from one side to the other
+            against |= sides
+    elif kind in SHAFT_KINDS:
+        listed = _DIFFERENCE
+        against |= means & {"pump", "feed", "oil", "std"}
+        if kind == "power":
+            listed = listed | _OF_THE_HYDRAULICS
+    lowered = [word.lower() for word in words]
+    for word, low in zip(words, lowered, strict=True):
+        if low == "operating" and "point" in lowered:
+            continue
+        if low in listed or against & set(_word_meanings(low)):
+            return word
+        if low == "ratio" and kind not in ("stroke", "efficiency"):
+            return word
+    return ""
+
+
+def _kinds_clash(quantity: str, kind: str, words: list[str]) -> str:
+    """Say that a name measures two things, as in `stroke pressure`; `""` for one.
+
+    Args:
+        quantity: that the rules give.
+        kind: what is measured.
+        words: of the name, in lower case.
+    """
+    if kind not in (*SHAFT_KINDS, "efficiency", "stroke") or not quantity:
+        return ""
+    others = _word_kinds(words) - {kind}
+    if not others:
+        return ""
+    return f"its name says {kind} and {' and '.join(sorted(others))}"
 
 
 def _unit_clash(in_name: Unit | None, below: Unit | None) -> str:
@@ -445,8 +536,12 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
     means: set[str] = set()
     strange = []
     lowered = [word.lower() for word in words]
+    side_by_word = _names_side(lowered)
     for word, low in zip(words, lowered, strict=True):
         if word in SYMBOLS and kind in SYMBOLS[word]:
+            continue
+        if side_by_word and low in _SIDE_LETTERS:
+            strange.append(word)
             continue
         if low == "motor" and _GERMANIC_KINDS & set(lowered):
             means.add("engine")
@@ -460,12 +555,19 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
         means.add("feed")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
         means.add("one_side")
-    if kind in ("power", "efficiency") and not _OF_THE_HYDRAULICS.isdisjoint(lowered):
-        means.add("other")
     # A temperature of the gearbox or the hydraulics is that of their oil.
     if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
         means.add("oil")
     return means, strange
+
+
+def _names_side(words: list[str]) -> bool:
+    """Return whether a word longer than a letter names a side of the transmission."""
+    for word in words:
+        sides = {"engine", "output", "load"} & set(_word_meanings(word))
+        if sides and word not in _SIDE_LETTERS:
+            return True
+    return False
 
 
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
@@ -478,8 +580,6 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     """
     sides = means & {"engine", "output", "load"}
     if kind in SHAFT_KINDS:
-        if "std" in means:
-            return "", ""
         if sides == {"engine", "output"} and "of the engine" in " ".join(words):
             sides = {"engine"}
         if not sides:
