@@ -295,6 +295,12 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
         return
     click.echo("\n".join(explained), err=True)
     questions = "; ".join(str(question) for question in proposal.questions)
+    missing = proposal.missing_anyway()
+    if missing:
+        questions += (
+            f"; besides, no column is named for {', '.join(missing)} (an option may give a "
+            "number for all rows)"
+        )
     raise InputError(f"{table.source}: {questions}")
 
 

@@ -59,7 +59,9 @@ _FEWEST_MEAN_COLUMNS = 3
 _MEAN_WIDTH = 2e-3
 """Part of the spread of a column by which its mean is rounded; three columns at once meet it by
 chance in fewer than one of a million tables."""
-_MOST_SHOWN = 20  # rows in one message
+_FEWEST_MATRIX_COLUMNS = 3
+"""Numbers in a header from which it is that of a matrix."""
+_MOST_SHOWN = 20  # rows or names in one message
 STATISTIC = re.compile(
     r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|"
     r"total|rms|standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|"
@@ -335,14 +337,40 @@ def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) 
     missing = missing_quantities({*columns})
     if not missing:
         return ""
-    needs = f"no column is named for {', '.join(missing)}"
-    if not notes:
-        return needs
-    shown = ", ".join(table.columns)
+    hints = [*notes, *_hints_of_names(table)]
+    if not hints:
+        return f"no column is named for {', '.join(missing)}"
+    names = list(table.columns)
+    shown = ", ".join(names[:_MOST_SHOWN])
+    if len(names) > _MOST_SHOWN:
+        shown += f" and {len(names) - _MOST_SHOWN} more"
     return (
         f"{table.source}: header in row {table.header_row}: {shown}; missing is "
-        f"{', '.join(missing)}; {'; '.join(notes)}"
+        f"{', '.join(missing)}; {'; '.join(hints)}"
     )
+
+
+def _hints_of_names(table: RawTable) -> list[str]:
+    """Return what is wrong with the names of the columns: numbers, or none."""
+    named = [name for name, cells in table.columns.items() if set(cells) != {name}]
+    numbers = [name for name in named if is_number(name)]
+    if numbers and len(numbers) == len(named):
+        return [
+            f"row {table.header_row} holds numbers, so that nothing names the columns: "
+            "write a row of names with units above it"
+        ]
+    if len(numbers) > _FEWEST_MATRIX_COLUMNS:
+        return [
+            f"row {table.header_row} holds numbers, as that of a map over two axes does: "
+            "write one row for each of its points"
+        ]
+    hints = []
+    for name in table.without_name:
+        hints.append(
+            f"column {name!r} has no name: an option may name it "
+            f"({option('efficiency', name)})"
+        )
+    return hints
 
 
 def _values(quantity: str, column: Column, table: RawTable) -> Array:

@@ -13,6 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from ...errors import InputError
+from . import labview
 from .numbers import Style, decimal_styles, is_number
 from .reading import (
     SEPARATORS,
@@ -47,6 +48,7 @@ class RawTable:
         source, sheet, sha256: of the file.
         header_row: row of the header in the file, from 1.
         doubled: names that stand in the header more than once.
+        without_name: columns that hold numbers and have no name in the header.
     """
 
     columns: dict[str, Sequence[str]]
@@ -59,6 +61,7 @@ class RawTable:
     sha256: str
     header_row: int
     doubled: tuple[str, ...] = field(default=())
+    without_name: tuple[str, ...] = field(default=())
 
     def with_constants(self, names: Sequence[str]) -> "RawTable":
         """Return the table with columns that hold their own name in every row."""
@@ -117,7 +120,9 @@ def read_table(
         raise InputError(f"{source}: has no sheets; --sheet is for Excel")
     else:
         text, sha256 = read_text(path, utf_16=True)
-        separator = _separator(text, names, header_row, source)
+        separator = labview.stated_separator(text)
+        if not separator:
+            separator = _separator(text, names, header_row, source)
         sheets = [Sheet("", split_rows(text, separator, source))]
     best = None
     for candidate in sheets:
@@ -128,7 +133,10 @@ def read_table(
     if best is None or not any(best[3]):
         raise InputError(f"{source}: is empty")
     _, chosen, top, header = best
-    columns, units, rows, broken = _body(chosen.rows, top, header, source)
+    all_rows = chosen.rows
+    if labview.names_row(all_rows) == top:
+        all_rows = labview.without_segment_keys(all_rows, top, source)
+    columns, units, rows, broken = _body(all_rows, top, header, source)
     styles = decimal_styles(columns, decimal, separator == ",")
     doubled = [
         name for name in dict.fromkeys(header) if name and header.count(name) > 1
@@ -144,7 +152,19 @@ def read_table(
         sha256,
         top,
         tuple(doubled),
+        _without_name(columns, header),
     )
+
+
+def _without_name(
+    columns: Mapping[str, Sequence[str]], header: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the columns of numbers below an empty cell of the header."""
+    names = []
+    for name, given in zip(columns, header, strict=False):
+        if not given and any(is_number(cell) for cell in columns[name]):
+            names.append(name)
+    return tuple(names)
 
 
 def _separator(
@@ -187,6 +207,9 @@ def _header(
         if header_row > len(rows):
             return header_row, []
         return header_row, rows[header_row - 1]
+    of_labview = labview.names_row(rows)
+    if of_labview > 0:
+        return of_labview, rows[of_labview - 1]
     filled = [number for number, row in enumerate(rows[: 10 * _TOP]) if any(row)][:_TOP]
     best = (0, [""])
     best_rank = (False, 0, True)
@@ -214,7 +237,8 @@ def _possible_headers(rows: Sequence[list[str]], number: int) -> list[list[str]]
         return [row]
     above = rows[number - 1]
     groups = sum(map(bool, above)) >= 2  # one cell alone is a title
-    if len(above) == len(row) and groups and not _numeric(above):
+    of_names = not (_numeric(above) or _only_units(above))
+    if len(above) == len(row) and groups and of_names:
         return [row, _joined(above, row)]
     return [row]
 
@@ -241,6 +265,12 @@ def _mostly_units(row: Sequence[str]) -> bool:
     filled = [cell for cell in row if cell]
     units = sum(usual_unit(cell) is not None for cell in filled)
     return 2 * units >= len(filled) > 0
+
+
+def _only_units(row: Sequence[str]) -> bool:
+    """Return whether a row holds two or more units and nothing else."""
+    filled = [cell for cell in row if cell]
+    return len(filled) >= 2 and all(usual_unit(cell) is not None for cell in filled)
 
 
 def _matches(header: Sequence[str], names: Collection[str]) -> bool:
@@ -271,14 +301,12 @@ def _body(
     all_rows: Sequence[list[str]], top: int, header: Sequence[str], source: str
 ) -> tuple[dict[str, Sequence[str]], dict[str, str], list[int], dict[int, str]]:
     """Return columns, row of units, row numbers and broken rows below the header."""
-    header = list(header)
-    while len(header) > 1 and not header[-1]:
-        header.pop()
-    width = len(header)
-    names = distinct(header)
     body = [
         (number, row) for number, row in enumerate(all_rows[top:], top + 1) if any(row)
     ]
+    header = _without_empty_end(header, [row for _, row in body])
+    width = len(header)
+    names = distinct(header)
     shortest = _complete_from(header, [row for _, row in body])
     rows, cells, broken = _complete_rows(body, width, shortest, top)
     if len(broken) > _LONG_ROWS * (len(body) or 1) and len(broken) > 1:
@@ -288,12 +316,33 @@ def _body(
         units = dict(zip(names, cells[0], strict=True))
         cells = cells[1:]
         rows = rows[1:]
+    elif labview.names_row(all_rows) == top:
+        units = dict(zip(names, labview.stated_units(all_rows, top), strict=False))
+    elif top > 1 and _only_units(all_rows[top - 2]):
+        units = dict(zip(names, all_rows[top - 2], strict=False))
     if not cells and not broken:
         raise InputError(f"{source}: holds a header but no samples")
     columns: dict[str, Sequence[str]] = dict.fromkeys(names, ())
     if cells:
         columns = dict(zip(names, zip(*cells, strict=True), strict=True))
     return columns, units, rows, broken
+
+
+def _without_empty_end(
+    header: Sequence[str], body: Sequence[Sequence[str]]
+) -> list[str]:
+    """Return a header without names that are missing at its end.
+
+    A name stays missing, as that of a column, where most rows have a cell below it.
+    """
+    names = list(header)
+    while len(names) > 1 and not names[-1]:
+        last = len(names) - 1
+        filled = sum(len(row) > last and bool(row[last]) for row in body)
+        if 2 * filled > len(body):
+            break
+        names.pop()
+    return names
 
 
 def _complete_rows(

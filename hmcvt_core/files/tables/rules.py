@@ -47,7 +47,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
         "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
         "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
-        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit "
+        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit spd vel "
         "\u8f6c\u901f \u89d2\u901f\u5ea6",
         "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
         "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
@@ -232,6 +232,13 @@ _MEANINGS = _dictionary()
 _LONG = sorted((w for w in _MEANINGS if len(w) > 3 or not w.isascii()), key=len)[::-1]
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
+_CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
+"""Number of the channel of a data logger, which does not belong to the name."""
+_MESSAGES = re.compile(r"^(?:[A-Z][A-Z\d]*\d\.)+(?=[A-Za-z])")
+"""Bus and message in front of a signal, as in `CAN1.EEC1.EngineSpeed`."""
+_PERCENT = frozenset({"percent", "pct", "prozent", "pourcent", "porciento"})
+_LETTER_SIDES = frozenset("aeio")
+"""Letters that name a side of the transmission in names such as `n_e` or `M_a`."""
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
 _SUFFIX = re.compile(r"[_ ]([^_ ]+(?:[_ ]ft)?)$")
 
@@ -274,6 +281,7 @@ class _Parts(NamedTuple):
 
 def _take_apart(cell: str) -> _Parts:
     """Split a cell of the header into words and unit."""
+    cell = _MESSAGES.sub("", _CHANNEL.sub(" ", cell))
     unit: Unit | None = None
     unread: list[str] = []
     inner_words: list[str] = []
@@ -383,8 +391,14 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
+    if kind in SHAFT_KINDS and not _PERCENT.isdisjoint(words) and unit is None:
+        problem = f"it is in percent, of a {kind} that the table does not state"
+        return Meaning("", kind, unit, unknown, problem)
     is_ratio = "ratio" in words and kind not in ("stroke", "efficiency")
     if "other" in means or is_ratio:
+        return Meaning("", kind, unit, unknown, problem)
+    if kind == "time" and unknown and "time" not in _kinds(parts.words):
+        # A duration in a name that is not understood, such as the length of a pulse.
         return Meaning("", kind, unit, unknown, problem)
     quantity, side_problem = _by_rules(kind, means, words)
     return Meaning(quantity, kind, unit, unknown, problem or side_problem, weak)
@@ -456,6 +470,9 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
             means |= set(found)
         else:
             strange.append(word)
+    if strange:
+        # In a name that is not understood, a letter may count machines or phases.
+        means -= _sides_by_letter(lowered)
     if kind in ("pressure", "temperature") and "charge" in lowered:
         means.add("feed")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
@@ -466,6 +483,18 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
     if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
         means.add("oil")
     return means, strange
+
+
+def _sides_by_letter(words: list[str]) -> set[str]:
+    """Return the sides of the transmission that only single letters of a name say."""
+    by_letter: set[str] = set()
+    by_word: set[str] = set()
+    for word in words:
+        if word in _LETTER_SIDES:
+            by_letter.update(_word_meanings(word))
+        else:
+            by_word.update(_word_meanings(word))
+    return by_letter - by_word
 
 
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
