@@ -54,6 +54,7 @@ _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
+_PERCENT = "%"
 _FEWEST_AVERAGED = 3
 _FEWEST_MEAN_COLUMNS = 3
 _MEAN_WIDTH = 2e-3
@@ -105,6 +106,7 @@ def choose_columns(
     header_row: int | None = None,
     sheet: str | None = None,
     decimal: str | None = None,
+    names: str | None = None,
     guess: bool = False,
     averaged: bool = False,
 ) -> tuple[RawTable, Proposal]:
@@ -118,6 +120,8 @@ def choose_columns(
         header_row: row of the header, from 1; searched when left out.
         sheet: of a spreadsheet.
         decimal: `point` or `comma`; the table decides when left out.
+        names: of the columns of a table without any, separated by commas, as
+            `n_engine [rpm],M_engine [Nm]`.
         guess: whether to propose columns for what is not named.
         averaged: whether each row is a steady test, however fast the stamps rise.
 
@@ -131,11 +135,12 @@ def choose_columns(
         )
     bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
-    table = read_table(path, bare, header_row, sheet, decimal)
+    header = names.split(",") if names else []
+    table = read_table(path, bare, header_row, sheet, decimal, header)
     if not set(bare) <= table.columns.keys():
         # A number for all rows does not show which row is the header.
-        names = [name for name in bare if name not in constants]
-        table = read_table(path, names, header_row, sheet, decimal)
+        of_columns = [name for name in bare if name not in constants]
+        table = read_table(path, of_columns, header_row, sheet, decimal, header)
     missing = [name for name in constants if name not in table.columns]
     table = table.with_constants(missing)
     if "stamp" in columns and _bare_name(columns["stamp"]) not in table.columns:
@@ -357,7 +362,8 @@ def _hints_of_names(table: RawTable) -> list[str]:
     if numbers and len(numbers) == len(named):
         return [
             f"row {table.header_row} holds numbers, so that nothing names the columns: "
-            "write a row of names with units above it"
+            f"name all {len(numbers)}, each with its unit, as in --names "
+            "'engine speed [rpm],load torque [Nm],efficiency [%]'"
         ]
     if len(numbers) > _FEWEST_MATRIX_COLUMNS:
         return [
@@ -398,6 +404,8 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
     if below is not None:
         stated.append(("of units", below.name))
     for other in numbers.units:
+        if other == _PERCENT and unit == "-":
+            continue  # each cell says by its sign whether it is in percent
         stated.append((_row_with_unit(table, name, other), other))
     for row, other in stated:
         if other == "-" and kind != "part":
@@ -414,7 +422,16 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
                 f"not in {unit}{cure}"
             )
     size, zero = taken
-    return np.asarray(size * (numbers.values - zero))
+    values = np.asarray(size * (numbers.values - zero))
+    if _PERCENT in numbers.units and unit == "-":
+        in_percent = _ends_with(table.columns[name], _PERCENT)
+        values = np.where(in_percent, 0.01 * values, values)
+    return values
+
+
+def _ends_with(cells: Sequence[str], sign: str) -> list[bool]:
+    """Return which cells end with a sign."""
+    return [cell.endswith(sign) for cell in cells]
 
 
 def _row_with_unit(table: RawTable, name: str, unit: str) -> str:

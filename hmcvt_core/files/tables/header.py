@@ -46,7 +46,8 @@ class RawTable:
         broken: what is wrong with rows of another length, by row.
         styles: decimal style by column.
         source, sheet, sha256: of the file.
-        header_row: row of the header in the file, from 1.
+        header_row: row of the header in the file, from 1; last row above the numbers where
+            the user names the columns.
         doubled: names that stand in the header more than once.
         without_name: columns that hold numbers and have no name in the header.
     """
@@ -99,6 +100,7 @@ def read_table(
     header_row: int | None = None,
     sheet: str | None = None,
     decimal: str | None = None,
+    header: Sequence[str] = (),
 ) -> RawTable:
     """Read a table as text.
 
@@ -106,6 +108,7 @@ def read_table(
         path: text (separated by commas, semicolons, tabs, bars or blanks) or a spreadsheet.
         names: columns that the user named; they show which row is the header.
         header_row: row of the header, from 1; searched when left out.
+        header: names of the columns of a table without any, in place of its header.
         sheet: of a spreadsheet; the one that names most quantities when left out.
         decimal: `point` or `comma`; the table decides when left out.
 
@@ -121,25 +124,32 @@ def read_table(
     else:
         text, sha256 = read_text(path, utf_16=True)
         separator = labview.stated_separator(text)
-        if not separator:
+        if not separator and header:
+            separator = _separator_of_width(text, len(header), source)
+        elif not separator:
             separator = _separator(text, names, header_row, source)
         sheets = [Sheet("", split_rows(text, separator, source))]
     best = None
     for candidate in sheets:
-        top, header = _header(candidate.rows, names, header_row)
-        worth = (_matches(header, names), _worth(header))
+        top, row = _header(candidate.rows, names, header_row)
+        if header:
+            top = header_row or _rows_above_numbers(candidate.rows)
+            row = list(header)
+        worth = (_matches(row, names), _worth(row))
         if best is None or worth > best[0]:
-            best = (worth, candidate, top, header)
+            best = (worth, candidate, top, row)
     if best is None or not any(best[3]):
         raise InputError(f"{source}: is empty")
-    _, chosen, top, header = best
+    _, chosen, top, names_of_columns = best
     all_rows = chosen.rows
-    if labview.names_row(all_rows) == top:
+    if top > 0 and labview.names_row(all_rows) == top:
         all_rows = labview.without_segment_keys(all_rows, top, source)
-    columns, units, rows, broken = _body(all_rows, top, header, source)
+    columns, units, rows, broken = _body(all_rows, top, names_of_columns, source)
     styles = decimal_styles(columns, decimal, separator == ",")
     doubled = [
-        name for name in dict.fromkeys(header) if name and header.count(name) > 1
+        name
+        for name in dict.fromkeys(names_of_columns)
+        if name and names_of_columns.count(name) > 1
     ]
     return RawTable(
         columns,
@@ -152,7 +162,7 @@ def read_table(
         sha256,
         top,
         tuple(doubled),
-        _without_name(columns, header),
+        _without_name(columns, names_of_columns),
     )
 
 
@@ -197,6 +207,31 @@ def _separator(
             best = separator
             best_rank = rank
     return best
+
+
+def _separator_of_width(text: str, width: int, source: str) -> str:
+    """Return the separator by which most rows have a number of fields."""
+    head = "\n".join(text.splitlines()[:_SNIFFED])
+    best = ""
+    most = -1
+    for separator in SEPARATORS:
+        try:
+            rows = split_rows(head, separator, source)
+        except InputError:
+            continue
+        fitting = sum(len(row) == width for row in rows)
+        if fitting > most:
+            best = separator
+            most = fitting
+    return best
+
+
+def _rows_above_numbers(rows: Sequence[list[str]]) -> int:
+    """Return how many rows stand above the first row of numbers."""
+    for number, row in enumerate(rows):
+        if _numeric(row):
+            return number
+    return 0
 
 
 def _header(
@@ -316,7 +351,7 @@ def _body(
         units = dict(zip(names, cells[0], strict=True))
         cells = cells[1:]
         rows = rows[1:]
-    elif labview.names_row(all_rows) == top:
+    elif top > 0 and labview.names_row(all_rows) == top:
         units = dict(zip(names, labview.stated_units(all_rows, top), strict=False))
     elif top > 1 and _only_units(all_rows[top - 2]):
         units = dict(zip(names, all_rows[top - 2], strict=False))
