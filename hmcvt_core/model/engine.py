@@ -36,7 +36,7 @@ _MEANINGS = {
 }
 """Meanings of a column by other names, as `engine speed [rpm]`; of an engine there is one shaft."""
 _FUEL = re.compile(
-    r"fuel|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
+    r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
 )
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
