@@ -210,7 +210,11 @@ def _separator(
 
 
 def _separator_of_width(text: str, width: int, source: str) -> str:
-    """Return the separator by which most rows have a number of fields."""
+    """Return the separator by which most rows have a number of fields.
+
+    Raises:
+        InputError: by none of them a row has as many.
+    """
     head = "\n".join(text.splitlines()[:_SNIFFED])
     best = ""
     most = -1
@@ -223,6 +227,11 @@ def _separator_of_width(text: str, width: int, source: str) -> str:
         if fitting > most:
             best = separator
             most = fitting
+    if most < 1:
+        raise InputError(
+            f"{source}: {width} names are given, but no row has {width} cells: name every "
+            "column of the table, in its order"
+        )
     return best
 
 
