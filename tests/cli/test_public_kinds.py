@@ -135,6 +135,23 @@ def test_a_matrix_is_named_as_one(hmcvt, tmp_path):
     assert done.code == 2 and "one row for each of its points" in done.err, done
 
 
+@pytest.mark.parametrize("ramp", [False, True])
+def test_a_grid_of_many_rows_is_no_recording(hmcvt, tmp_path, ramp):
+    """At each speed the load goes up anew; a ramp at one speed after the other is a log."""
+    points = 200 if ramp else 40
+    rows = [
+        (10, n, round(20.0 + 80.0 * i / points, 3), 70.0 + 0.001 * n)
+        for n in (1000, 1200, 1400, 1600)
+        for i in range(points)
+    ]
+    done, found = imported(hmcvt, tmp_path, f"{HEAD}\n" + lines(rows))
+    if ramp:
+        assert done.code == 2 and "--averaged" in done.err, done
+    else:
+        assert done.code == 0, done
+        agrees(found, rows)
+
+
 @pytest.mark.parametrize(
     ("name", "word"),
     [
