@@ -74,6 +74,12 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
     metavar="LINE",
     help="Line of the header, from 1; searched when left out.",
 )
+@click.option(
+    "--names",
+    metavar="NAME,NAME,...",
+    help="Names of all columns with their units, for a table without a header, as "
+    "'n_engine [rpm],M_engine [Nm],eta [%]'.",
+)
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option(
     "--decimal",
@@ -109,6 +115,7 @@ def command(
     raw: str,
     out: str,
     header_row: int | None,
+    names: str | None,
     sheet: str | None,
     decimal: str | None,
     mapping: str | None,
@@ -133,6 +140,7 @@ def command(
         "header_row": header_row,
         "sheet": sheet,
         "decimal": decimal,
+        "names": names,
     }
     named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
@@ -267,9 +275,12 @@ def _source_line(table: RawTable) -> str:
     units = ""
     if table.units:
         units = " and a row of units"
+    header = f"header in row {table.header_row}{units}"
+    if table.header_row == 0:
+        header = "names of the columns as given"
     return (
-        f"{table.source}{sheet}: header in row {table.header_row}{units}, "
-        f"{len(table.rows) + len(table.broken)} rows below it"
+        f"{table.source}{sheet}: {header}, {len(table.rows) + len(table.broken)} rows "
+        "below it"
     )
 
 
@@ -295,6 +306,12 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
         return
     click.echo("\n".join(explained), err=True)
     questions = "; ".join(str(question) for question in proposal.questions)
+    missing = proposal.missing_anyway()
+    if missing:
+        questions += (
+            f"; besides, no column is named for {', '.join(missing)} (an option may give a "
+            "number for all rows)"
+        )
     raise InputError(f"{table.source}: {questions}")
 
 

@@ -20,7 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
-from .tables.numbers import no_number, not_available, parsed
+from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
     OUTPUTS,
@@ -55,7 +55,10 @@ _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
-_MOST_SHOWN = 20  # rows in one message
+_PERCENT = "%"
+_FEWEST_MATRIX_COLUMNS = 3
+"""Numbers in a header from which it is that of a matrix."""
+_MOST_SHOWN = 20  # rows or names in one message
 
 
 class Imported(NamedTuple):
@@ -92,6 +95,7 @@ def choose_columns(
     header_row: int | None = None,
     sheet: str | None = None,
     decimal: str | None = None,
+    names: str | None = None,
     guess: bool = False,
     averaged: bool = False,
 ) -> tuple[RawTable, Proposal]:
@@ -105,6 +109,8 @@ def choose_columns(
         header_row: row of the header, from 1; searched when left out.
         sheet: of a spreadsheet.
         decimal: `point` or `comma`; the table decides when left out.
+        names: of the columns of a table without any, separated by commas, as
+            `n_engine [rpm],M_engine [Nm]`.
         guess: whether to propose columns for what is not named.
         averaged: whether each row is a steady test, however fast the stamps rise.
 
@@ -118,11 +124,12 @@ def choose_columns(
         )
     bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
-    table = read_table(path, bare, header_row, sheet, decimal)
+    header = names.split(",") if names else []
+    table = read_table(path, bare, header_row, sheet, decimal, header)
     if not set(bare) <= table.columns.keys():
         # A number for all rows does not show which row is the header.
-        names = [name for name in bare if name not in constants]
-        table = read_table(path, names, header_row, sheet, decimal)
+        of_columns = [name for name in bare if name not in constants]
+        table = read_table(path, of_columns, header_row, sheet, decimal, header)
     missing = [name for name in constants if name not in table.columns]
     table = table.with_constants(missing)
     if "stamp" in columns and _bare_name(columns["stamp"]) not in table.columns:
@@ -346,14 +353,41 @@ def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) 
     missing = missing_quantities({*columns})
     if not missing:
         return ""
-    needs = f"no column is named for {', '.join(missing)}"
-    if not notes:
-        return needs
-    shown = ", ".join(table.columns)
+    hints = [*notes, *_hints_of_names(table)]
+    if not hints:
+        return f"no column is named for {', '.join(missing)}"
+    names = list(table.columns)
+    shown = ", ".join(names[:_MOST_SHOWN])
+    if len(names) > _MOST_SHOWN:
+        shown += f" and {len(names) - _MOST_SHOWN} more"
     return (
         f"{table.source}: header in row {table.header_row}: {shown}; missing is "
-        f"{', '.join(missing)}; {'; '.join(notes)}"
+        f"{', '.join(missing)}; {'; '.join(hints)}"
     )
+
+
+def _hints_of_names(table: RawTable) -> list[str]:
+    """Return what is wrong with the names of the columns: numbers, or none."""
+    named = [name for name, cells in table.columns.items() if set(cells) != {name}]
+    numbers = [name for name in named if is_number(name)]
+    if numbers and len(numbers) == len(named):
+        return [
+            f"row {table.header_row} holds numbers, so that nothing names the columns: "
+            f"name all {len(numbers)}, each with its unit, as in --names "
+            "'engine speed [rpm],load torque [Nm],efficiency [%]'"
+        ]
+    if len(numbers) > _FEWEST_MATRIX_COLUMNS:
+        return [
+            f"row {table.header_row} holds numbers, as that of a map over two axes does: "
+            "write one row for each of its points"
+        ]
+    hints = []
+    for name in table.without_name:
+        hints.append(
+            f"column {name!r} has no name: an option may name it "
+            f"({option('efficiency', name)})"
+        )
+    return hints
 
 
 def _values(quantity: str, column: Column, table: RawTable) -> Array:
@@ -381,6 +415,8 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
     if below is not None:
         stated.append(("of units", below.name))
     for other in numbers.units:
+        if other == _PERCENT and unit == "-":
+            continue  # each cell says by its sign whether it is in percent
         stated.append((_row_with_unit(table, name, other), other))
     for row, other in stated:
         if other == "-" and kind != "part":
@@ -397,7 +433,16 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
                 f"not in {unit}{cure}"
             )
     size, zero = taken
-    return np.asarray(size * (numbers.values - zero))
+    values = np.asarray(size * (numbers.values - zero))
+    if _PERCENT in numbers.units and unit == "-":
+        in_percent = _ends_with(table.columns[name], _PERCENT)
+        values = np.where(in_percent, 0.01 * values, values)
+    return values
+
+
+def _ends_with(cells: Sequence[str], sign: str) -> list[bool]:
+    """Return which cells end with a sign."""
+    return [cell.endswith(sign) for cell in cells]
 
 
 def _row_with_unit(table: RawTable, name: str, unit: str) -> str:

@@ -32,6 +32,9 @@ _SLOW_RECORDED = 40
 _SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
 _REGULAR = 0.2  # part by which the steps of a clock differ from their median
 _SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
+_SETTINGS = 3
+_SWEPT = 100
+"""Fewest settings of a grid, and the most points of the sweep at one of them."""
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 _SPARSE = 0.5
 """Share of complete rows below which signals are joined by time."""
@@ -91,7 +94,32 @@ def is_smooth(values: Mapping[str, Array]) -> bool:
 def looks_recorded(values: Mapping[str, Array]) -> bool:
     """Return whether rows without a time are so many and so alike that they are a recording."""
     rows = min(len(column) for column in values.values())
-    return rows >= _RECORDED and is_smooth(values)
+    return rows >= _RECORDED and is_smooth(values) and not is_grid(values)
+
+
+def is_grid(values: Mapping[str, Array]) -> bool:
+    """Return whether rows go through a grid: one quantity set, another one swept at each setting.
+
+    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins anew
+    at each. A sweep of more rows than a bench takes points is a ramp of a recording.
+    """
+    for name, column in values.items():
+        starts = np.flatnonzero(np.diff(column) != 0.0) + 1
+        settings = len(starts) + 1
+        if settings < _SETTINGS or len(np.unique(column)) != settings:
+            continue
+        if len(column) > _SWEPT * settings:
+            continue
+        within = np.delete(np.arange(1, len(column)), starts - 1)
+        for other, swept in values.items():
+            steps = np.diff(swept)
+            if other == name or not within.size or not np.all(np.isfinite(steps)):
+                continue
+            for sign in (1.0, -1.0):
+                rises = sign * steps > 0.0
+                if rises[within - 1].all() and not rises[starts - 1].any():
+                    return True
+    return False
 
 
 def cut(

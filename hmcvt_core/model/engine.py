@@ -3,7 +3,7 @@
 
 import os
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from ..files import picture, plain
 from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
+from ..files.tables.rules import meaning_of
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
@@ -31,6 +32,14 @@ _UNITS = {
         "g/kWh": 1e-3 / 3.6e6,
     },
 }
+_MEANINGS = {
+    "engine_speed": ("engine_speed", "any_speed"),
+    "torque": ("engine_torque", "any_torque"),
+}
+"""Meanings of a column by other names, as `engine speed [rpm]`; of an engine there is one shaft."""
+_FUEL = re.compile(
+    r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
+)
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
 _GRAMS_PER_KWH = 3.6e9
@@ -126,15 +135,17 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     """Read an engine: a table, or a YAML file that names one in its folder (`params/engine.yaml`).
 
     The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
-    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. At every speed the highest torque is
-    that of full load. Below the lowest the fuel goes on as a straight line (Willans).
+    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. Other names are taken where each says
+    all, as `fuel consumption [g/h]`. At every speed the highest torque is that of full load. Below
+    the lowest the fuel goes on as a straight line (Willans). Rows in which the engine is driven
+    (torque below zero) are not used.
 
     Raises:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
     require_path(path, "path", "an engine file")
-    cells = read_plain(_table_of(path))
+    cells = _driving(read_plain(_table_of(path)))
     speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
@@ -156,6 +167,22 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     load = np.unique(loads.round(9))
     grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
     return Engine(speeds, full_load, load, np.array(grid))
+
+
+def _driving(cells: Table) -> Table:
+    """Return the rows in which the engine drives; below zero torque it uses no fuel.
+
+    Raises:
+        InputError: in no row the torque is positive.
+    """
+    torque = _column(cells, "torque")
+    kept = np.flatnonzero(torque >= 0.0).tolist()
+    if not np.any(torque > 0.0):
+        raise InputError(f"{cells.source}: no torque is positive")
+    columns = {}
+    for name, column in cells.columns.items():
+        columns[name] = [column[row] for row in kept]
+    return replace(cells, columns=columns, rows=[cells.rows[row] for row in kept])
 
 
 def _table_of(path: str | os.PathLike[str]) -> Path:
@@ -200,17 +227,40 @@ def _willans_line(
 
 
 def _column(cells: Table, quantity: str) -> Array:
-    """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
+    """Numbers of a column of a quantity with its unit in SI; g/kWh as kg/J."""
     for column in cells.columns:
         match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
-        if match and match[1] in _UNITS[quantity]:
-            return cells.numbers(column) * _UNITS[quantity][match[1]]
-        if match:
-            raise InputError(
-                f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
-                f"{', '.join(_UNITS[quantity])}"
-            )
+        if match is not None:
+            return _in_si(cells, column, match[1], quantity)
+    named = [column for column in cells.columns if _names(column, quantity)]
+    if len(named) > 1:
+        raise InputError(
+            f"{cells.source}: columns {' and '.join(named)} both name {quantity}: call "
+            f"one {quantity} [unit]"
+        )
+    for column in named:
+        match = re.search(r"[\[(]([^\[(]*)[\])]\s*$", column)
+        if match is not None:
+            return _in_si(cells, column, match[1].strip(), quantity)
     raise InputError(
         f"{cells.source}: column {quantity} [unit] is missing; there is "
         f"{', '.join(cells.columns)}"
     )
+
+
+def _in_si(cells: Table, column: str, unit: str, quantity: str) -> Array:
+    """Return a column in SI; `unit` is what its name states."""
+    if unit not in _UNITS[quantity]:
+        raise InputError(
+            f"{cells.source}: {unit!r} is no unit of {quantity}; there is "
+            f"{', '.join(_UNITS[quantity])}"
+        )
+    return cells.numbers(column) * _UNITS[quantity][unit]
+
+
+def _names(column: str, quantity: str) -> bool:
+    """Return whether a column by another name holds a quantity of an engine's map."""
+    if quantity == "fuel":
+        return _FUEL.search(column) is not None
+    meaning = meaning_of(column)
+    return meaning.quantity in _MEANINGS[quantity] and not meaning.unknown

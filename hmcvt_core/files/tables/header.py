@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from . import labview
 from .numbers import (
     Numbers,
     Style,
@@ -64,10 +65,12 @@ class RawTable:
         broken: what is wrong with rows of another length, by row.
         styles: decimal style by column.
         source, sheet, sha256: of the file.
-        header_row: row of the header in the file, from 1.
+        header_row: row of the header in the file, from 1; last row above the numbers where
+            the user names the columns.
         doubled: names that stand in the header more than once.
         above: text of the lines above the header.
         hidden: columns that a spreadsheet hides.
+        without_name: columns that hold numbers and have no name in the header.
     """
 
     columns: dict[str, Sequence[str]]
@@ -82,6 +85,7 @@ class RawTable:
     doubled: tuple[str, ...] = field(default=())
     above: str = ""
     hidden: tuple[str, ...] = ()
+    without_name: tuple[str, ...] = field(default=())
     _read: dict[str, Numbers] = field(default_factory=dict, init=False, repr=False)
 
     def numbers(self, name: str) -> Numbers:
@@ -126,6 +130,7 @@ def read_table(
     header_row: int | None = None,
     sheet: str | None = None,
     decimal: str | None = None,
+    header: Sequence[str] = (),
 ) -> RawTable:
     """Read a table as text.
 
@@ -133,6 +138,7 @@ def read_table(
         path: text (separated by commas, semicolons, tabs, bars or blanks) or a spreadsheet.
         names: columns that the user named; they show which row is the header.
         header_row: row of the header, from 1; searched when left out.
+        header: names of the columns of a table without any, in place of its header.
         sheet: of a spreadsheet; the one that names most quantities when left out.
         decimal: `point` or `comma`; the table decides when left out.
 
@@ -147,16 +153,27 @@ def read_table(
         raise InputError(f"{source}: has no sheets; --sheet is for Excel")
     else:
         text, sha256 = read_text(path, utf_16=True)
-        separator = _separator(text, names, header_row, source)
+        separator = labview.stated_separator(text)
+        if not separator and header:
+            separator = _separator_of_width(text, len(header), source)
+        elif not separator:
+            separator = _separator(text, names, header_row, source)
         sheets = [Sheet("", split_rows(text, separator, source))]
-    chosen, top, header = _best_sheet(sheets, names, header_row, source)
-    columns, units, rows, broken = _body(chosen, top, header, source)
+    chosen, top, names_of_columns = _best_sheet(
+        sheets, names, header_row, header, source
+    )
+    if labview.names_row(chosen.rows) == top > 0:
+        rows_of_numbers = labview.without_segment_keys(chosen.rows, top, source)
+        chosen = chosen._replace(rows=rows_of_numbers)
+    columns, units, rows, broken = _body(chosen, top, names_of_columns, source)
     if separator == "sheet":
         columns, styles = _with_plain_texts(columns, rows, chosen.text_numbers, decimal)
     else:
         styles = decimal_styles(columns, decimal, separator == ",")
     doubled = [
-        name for name in dict.fromkeys(header) if name and header.count(name) > 1
+        name
+        for name in dict.fromkeys(names_of_columns)
+        if name and names_of_columns.count(name) > 1
     ]
     return RawTable(
         columns,
@@ -171,6 +188,7 @@ def read_table(
         tuple(doubled),
         _text_above(chosen.rows, top),
         _hidden(chosen, columns),
+        _without_name(columns, names_of_columns),
     )
 
 
@@ -178,9 +196,17 @@ def _best_sheet(
     sheets: Sequence[Sheet],
     names: Collection[str],
     header_row: int | None,
+    given: Sequence[str],
     source: str,
 ) -> tuple[Sheet, int, list[str]]:
     """Return the sheet that names most quantities, its row of the header and the header.
+
+    Args:
+        sheets: of a spreadsheet, or the rows of a text as one sheet.
+        names: columns that the user named.
+        header_row: row of the header, from 1; searched when left out.
+        given: names of the columns of a table without any, in place of its header.
+        source: name of the file, for messages.
 
     Raises:
         InputError: all sheets are empty, another sheet holds such a table too, or it is hidden.
@@ -188,6 +214,9 @@ def _best_sheet(
     ranked = []
     for sheet in sheets:
         top, header = _header(sheet.rows, names, header_row, sheet.merged_ends)
+        if given:
+            top = header_row or _rows_above_numbers(sheet.rows)
+            header = list(given)
         worth = _worth(header)
         rank = (_matches(header, names), worth > 0 and not sheet.hidden, worth)
         ranked.append((rank, sheet, top, header))
@@ -274,6 +303,17 @@ def _text_above(rows: Sequence[list[str]], top: int) -> str:
     return "\n".join(line for line in lines if line)
 
 
+def _without_name(
+    columns: Mapping[str, Sequence[str]], header: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the columns of numbers below an empty cell of the header."""
+    names = []
+    for name, given in zip(columns, header, strict=False):
+        if not given and any(is_number(cell) for cell in columns[name]):
+            names.append(name)
+    return tuple(names)
+
+
 def _separator(
     text: str, names: Collection[str], header_row: int | None, source: str
 ) -> str:
@@ -306,6 +346,40 @@ def _separator(
     return best
 
 
+def _separator_of_width(text: str, width: int, source: str) -> str:
+    """Return the separator by which most rows have a number of fields.
+
+    Raises:
+        InputError: by none of them a row has as many.
+    """
+    head = "\n".join(text.splitlines()[:_SNIFFED])
+    best = ""
+    most = -1
+    for separator in SEPARATORS:
+        try:
+            rows = split_rows(head, separator, source)
+        except InputError:
+            continue
+        fitting = sum(len(row) == width for row in rows)
+        if fitting > most:
+            best = separator
+            most = fitting
+    if most < 1:
+        raise InputError(
+            f"{source}: {width} names are given, but no row has {width} cells: name every "
+            "column of the table, in its order"
+        )
+    return best
+
+
+def _rows_above_numbers(rows: Sequence[list[str]]) -> int:
+    """Return how many rows stand above the first row of numbers."""
+    for number, row in enumerate(rows):
+        if _numeric(row):
+            return number
+    return 0
+
+
 def _header(
     rows: Sequence[list[str]],
     names: Collection[str],
@@ -317,6 +391,9 @@ def _header(
         if header_row > len(rows):
             return header_row, []
         return header_row, rows[header_row - 1]
+    of_labview = labview.names_row(rows)
+    if of_labview > 0:
+        return of_labview, rows[of_labview - 1]
     filled = [number for number, row in enumerate(rows[: 10 * _TOP]) if any(row)][:_TOP]
     best = (0, [""])
     best_rank = (False, 0, True)
@@ -354,7 +431,11 @@ def _possible_headers(
         return [row]
     above = rows[number - 1]
     groups = sum(map(bool, above)) >= 2  # one cell alone is a title
-    if len(above) == len(row) and groups and not _numeric(above):
+    if (
+        len(above) == len(row)
+        and groups
+        and not (_numeric(above) or _only_units(above))
+    ):
         ends = {column for line, column in merged_ends if line == number}
         return [row, _joined(above, row, ends)]
     return [row]
@@ -392,6 +473,12 @@ def _mostly_units(row: Sequence[str]) -> bool:
     return 2 * units >= len(filled) > 0
 
 
+def _only_units(row: Sequence[str]) -> bool:
+    """Return whether a row holds two or more units and nothing else."""
+    filled = [cell for cell in row if cell]
+    return len(filled) >= 2 and all(usual_unit(cell) is not None for cell in filled)
+
+
 def _matches(header: Sequence[str], names: Collection[str]) -> bool:
     return bool(names) and set(names) <= set(distinct(header))
 
@@ -421,21 +508,22 @@ def _body(
 ) -> tuple[dict[str, Sequence[str]], dict[str, str], list[int], dict[int, str]]:
     """Return columns, row of units, row numbers and broken rows below the header."""
     all_rows = sheet.rows
-    header = list(header)
-    while len(header) > 1 and not header[-1]:
-        header.pop()
-    width = len(header)
-    names = distinct(header)
     body = [
         (number, row)
         for number, row in enumerate(all_rows[top:], top + 1)
         if any(row) and number not in sheet.hidden_rows
     ]
+    header = _without_empty_end(header, [row for _, row in body])
+    width = len(header)
+    names = distinct(header)
     shortest = _complete_from(header, [row for _, row in body])
     rows, cells, broken = _complete_rows(body, width, shortest, top)
     if len(broken) > _LONG_ROWS * (len(body) or 1) and len(broken) > 1:
         _refuse_lengths(header, top, broken, len(body), source)
     names, units, first = _units_of(names, cells, all_rows[:top])
+    if not units and labview.names_row(all_rows) == top > 0:
+        stated = labview.stated_units(all_rows, top)
+        units = dict(zip(names, stated, strict=False))
     cells = cells[first:]
     rows = rows[first:]
     broken |= _hidden_rows(sheet, top)
@@ -500,6 +588,23 @@ def _with_kinds(names: Sequence[str], kinds: Sequence[str]) -> list[str]:
         else:
             joined.append(f"{name} {kind}".strip())
     return distinct(joined)
+
+
+def _without_empty_end(
+    header: Sequence[str], body: Sequence[Sequence[str]]
+) -> list[str]:
+    """Return a header without names that are missing at its end.
+
+    A name stays missing, as that of a column, where most rows have a cell below it.
+    """
+    names = list(header)
+    while len(names) > 1 and not names[-1]:
+        last = len(names) - 1
+        filled = sum(len(row) > last and bool(row[last]) for row in body)
+        if 2 * filled > len(body):
+            break
+        names.pop()
+    return names
 
 
 def _complete_rows(

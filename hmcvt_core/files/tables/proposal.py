@@ -131,6 +131,15 @@ class Proposal:
     notes: tuple[str, ...]
     assumed: tuple[str, ...] = ()
 
+    def missing_anyway(self) -> list[str]:
+        """Return what bench samples still need when all questions are answered."""
+        answered = set(self.columns)
+        for question in self.questions:
+            for answer in question.options:
+                words = answer.removeprefix("--").split()
+                answered.add(words[0].replace("-", "_"))
+        return missing_quantities(answered)
+
 
 class _Candidate(NamedTuple):
     """A column that may hold a quantity; `rank` sorts candidates, the best highest."""
@@ -616,9 +625,7 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     """Return the question about the best candidate, with the options that answer it."""
     if "two ways" in best.doubt:
         return Question(best.doubt, _DECIMALS)
-    choices = tuple(UNITS.get(quantity, ()))[:2]
-    if kind_of(quantity) == "torque":
-        choices = ("N m", "lb ft")
+    choices = _two_units(quantity)
     unit_stated = best.rank[3]
     if unit_stated and best.unit:
         choices = (best.unit,)
@@ -635,6 +642,15 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
         choices = (best.unit, middle[best.unit])
     answers = tuple(option(quantity, best.name, unit) for unit in choices)
     return Question(best.doubt, answers)
+
+
+def _two_units(quantity: str) -> tuple[str, ...]:
+    """Return the first two units of a quantity that differ in size."""
+    units = UNITS.get(quantity, {})
+    first_of_size: dict[float, str] = {}
+    for unit, size in units.items():
+        first_of_size.setdefault(size, unit)
+    return tuple(first_of_size.values())[:2]
 
 
 def _equal(one: _Candidate, other: _Candidate) -> bool:

@@ -99,8 +99,8 @@ def read_text(path: str | os.PathLike[str], utf_16: bool = False) -> tuple[str, 
     raw, sha256 = read_bytes(Path(path))
     refuse_binary(Path(path), raw)
     text = _decoded(raw, path, utf_16)
-    if "\n" not in text:
-        text = text.replace("\r", "\n")  # line ends of old programs
+    # A lone carriage return ends a line too: of old programs, and of spreadsheets on a Mac.
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     return text, sha256
 
 

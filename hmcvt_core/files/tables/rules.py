@@ -47,7 +47,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
         "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
         "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
-        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit "
+        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit spd vel "
         "\u8f6c\u901f \u89d2\u901f\u5ea6",
         "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
         "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
@@ -262,6 +262,11 @@ def _compound_parts() -> list[str]:
 _LONG = _compound_parts()
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
+_CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
+"""Number of the channel of a data logger, which does not belong to the name."""
+_MESSAGES = re.compile(r"^(?:[A-Z][A-Z\d]*\d\.)+(?=[A-Za-z])")
+"""Bus and message in front of a signal, as in `CAN1.EEC1.EngineSpeed`."""
+_PERCENT = frozenset({"percent", "pct", "prozent", "pourcent", "porciento"})
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
 _SCALED = re.compile(
     r"[_ ](?:in |/ )?((?:x ?)?(?:10|100|1000|10\^3)[ x*]+[A-Za-z]\S*)$"
@@ -311,6 +316,7 @@ class _Parts(NamedTuple):
 
 def _take_apart(cell: str) -> _Parts:
     """Split a cell of the header into words and unit."""
+    cell = _MESSAGES.sub("", _CHANNEL.sub(" ", cell))
     unit: Unit | None = None
     unread: list[str] = []
     inner_words: list[str] = []
@@ -428,6 +434,12 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     excluding = _excluding(parts.words, kind, means)
     if excluding:
         return Meaning("", kind, unit, unknown, problem, excluded=excluding)
+    if kind in SHAFT_KINDS and not _PERCENT.isdisjoint(words) and unit is None:
+        problem = f"it is in percent, of a {kind} that the table does not state"
+        return Meaning("", kind, unit, unknown, problem)
+    if kind == "time" and unknown and "time" not in _kinds(parts.words):
+        # A duration in a name that is not understood, such as the length of a pulse.
+        return Meaning("", kind, unit, unknown, problem)
     quantity, side_problem = _by_rules(kind, means, words)
     clash = _kinds_clash(quantity, kind, words)
     problem = problem or side_problem or clash
@@ -551,6 +563,9 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
             means |= set(found)
         else:
             strange.append(word)
+    if strange:
+        # In a name that is not understood, a letter may count machines or phases.
+        means -= _sides_by_letter(lowered)
     if kind in ("pressure", "temperature") and "charge" in lowered:
         means.add("feed")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
@@ -568,6 +583,18 @@ def _names_side(words: list[str]) -> bool:
         if sides and word not in _SIDE_LETTERS:
             return True
     return False
+
+
+def _sides_by_letter(words: list[str]) -> set[str]:
+    """Return the sides of the transmission that only single letters of a name say."""
+    by_letter: set[str] = set()
+    by_word: set[str] = set()
+    for word in words:
+        if word in _SIDE_LETTERS:
+            by_letter.update(_word_meanings(word))
+        else:
+            by_word.update(_word_meanings(word))
+    return by_letter - by_word
 
 
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:

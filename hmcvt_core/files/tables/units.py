@@ -131,7 +131,8 @@ _ALSO = {
 _AMBIGUOUS = ("1/s", "s-1", "hz", "rps", "rev/s", "r/s", "u/s")
 """Units of speed of which some say radians and some turns, to be asked."""
 _OTHER = (
-    *("deg", "rad", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s", "km/h", "kg", "kg/h"),
+    *("deg", "rad", "rev", "turns", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s"),
+    *("km/h", "mph", "kg", "kg/h"),
     *("g/s", "g/kWh", "L/h", "kJ", "kWh", "g/h", "ppm"),
 )
 """Usual units of what is no quantity of a bench."""
