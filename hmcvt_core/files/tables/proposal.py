@@ -646,6 +646,8 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
 
 def _two_units(quantity: str) -> tuple[str, ...]:
     """Return the first two units of a quantity that differ in size."""
+    if kind_of(quantity) == "torque":
+        return ("N m", "lb ft")
     units = UNITS.get(quantity, {})
     first_of_size: dict[float, str] = {}
     for unit, size in units.items():
