@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..transmission.ranges import Array
 from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
-from .tables.checks import contradictions, implausible, suspect_efficiency
+from .tables.checks import causes_of_efficiency, contradictions, implausible
 from .tables.header import RawTable, read_table
 from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
@@ -248,34 +248,37 @@ def import_table(
     values.setdefault("efficiency", out / into)
     bad = _bad_rows(values, columns, table)
     if not unchecked:
-        bad = _odd_rows(values, "stage" in proposal.columns, table) | bad
+        bad = _odd_rows(values, extra.get("stage"), table) | bad
     kept = [index for index, row in enumerate(table.rows) if row not in bad]
     left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
     if left_out and not (skip_bad and kept):
         raise InputError(f"{table.source}: {_rows_message(left_out)}")
     taken = _rows(values, kept)
+    stages = None
+    if "stage" in extra:
+        stages = [extra["stage"][index] for index in kept]
     if not unchecked:
         spares = _rows(_all_values(proposal.spares, table), kept)
-        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table)
-    note = shafts_note(taken, columns)
+        _refuse_contradictions(
+            _rows(stated, kept), spares, taken, columns, table, stages
+        )
+    note = shafts_note(taken, columns, stages)
     if note:
         notes.append(note)
     return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
 
 
 def _odd_rows(
-    values: Mapping[str, Array], has_stages: bool, table: RawTable
+    values: Mapping[str, Array], stages: Sequence[str] | None, table: RawTable
 ) -> dict[int, str]:
     """Return rows whose values do not fit those of the others, by number.
 
     Args:
         values: SI values by quantity.
-        has_stages: whether a column names the stage, on which the speed ratio depends.
+        stages: of the rows, on which the speed ratio depends; None where no column names them.
         table: where they stand.
     """
-    odd = odd_oil(values)
-    if not has_stages:
-        odd |= odd_ratios(values)
+    odd = odd_oil(values) | odd_ratios(values, stages)
     return {table.rows[index]: reason for index, reason in odd.items()}
 
 
@@ -526,13 +529,20 @@ def _from_recording(
     """Make a bench sample of each steady window, as of a bag."""
     if not unchecked:
         spares = _all_values(proposal.spares, table)
-        _refuse_contradictions(values, spares, values, columns, table)
+        _refuse_contradictions(
+            values, spares, values, columns, table, extra.get("stage")
+        )
     windows = cut(values, extra, table.source)
+    stages = windows.stages if "stage" in extra else None
     if not unchecked:
-        _refuse_contradictions(windows.columns, {}, windows.columns, columns, table)
-    stages = {"stage": windows.stages} if "stage" in extra else {}
+        _refuse_contradictions(
+            windows.columns, {}, windows.columns, columns, table, stages
+        )
     samples = BenchSamples(
-        **windows.columns, extra=stages, source=table.source, sha256=table.sha256
+        **windows.columns,
+        extra={} if stages is None else {"stage": stages},
+        source=table.source,
+        sha256=table.sha256,
     )
     notes = [*proposal.notes, *proposal.assumed, *windows.notes]
     if table.broken:
@@ -550,11 +560,12 @@ def _refuse_contradictions(
     values: Mapping[str, Array],
     columns: Mapping[str, Column],
     table: RawTable,
+    stages: Sequence[str] | None,
 ) -> None:
     """Raise an `InputError` where values contradict each other or look like another unit."""
     problems = [*contradictions(stated, spares), *implausible(values, columns)]
     if not problems:
-        problems += exchanged_shafts(stated, columns)
+        problems += exchanged_shafts(stated, columns, stages)
     if problems:
         raise InputError(
             f"{table.source}: {'; '.join(problems)} (name column and unit, or --unchecked "
@@ -598,9 +609,9 @@ def _bad_rows(
                 if cell.lower() not in ("nan", "inf"):
                     bad.setdefault(table.rows[index], no_number(name, cell))
         elif quantity == "efficiency":
-            suspect = suspect_efficiency(column)
-            if suspect:
-                remark = f"{_COMPUTED}; are {suspect} mixed up?"
+            causes = causes_of_efficiency(values)
+            if causes:
+                remark = f"{_COMPUTED}; are {causes}?"
         outside = {
             table.rows[index]: limits.complaint(column[index])
             for index in np.flatnonzero(~limits.contains(column)).tolist()

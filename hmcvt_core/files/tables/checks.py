@@ -11,6 +11,7 @@ import numpy as np
 
 from ...transmission.ranges import Array
 from .proposal import Column
+from .shafts import plausible_exchange
 
 _SUSPECTS = (
     (9.5493, "r/min and rad/s"),
@@ -163,10 +164,9 @@ def implausible(
     if "efficiency" in values and "efficiency" not in columns:
         middle = float(np.nanmedian(values["efficiency"]))
         if middle < _LEAST_EFFICIENCY:
-            suspect = suspect_efficiency(values["efficiency"]) or "units of two columns"
+            causes = causes_of_efficiency(values) or "units of two columns mixed up"
             problems.append(
-                f"efficiency by the shafts is {middle:.3g} in the middle: are {suspect} "
-                "mixed up?"
+                f"efficiency by the shafts is {middle:.3g} in the middle: are {causes}?"
             )
     problems += _mixed_units(values, columns)
     for quantity, least, hint in limits:
@@ -237,12 +237,24 @@ def _small_block(stroke: Array) -> int:
     return 0
 
 
-def suspect_efficiency(efficiency: Array) -> str:
-    """Return which mixed-up units would explain efficiencies outside 0 to 1, or `""`.
+def causes_of_efficiency(values: Mapping[str, Array]) -> str:
+    """Return what would explain efficiencies outside 0 to 1, or `""`.
 
     Args:
-        efficiency: computed from the shafts, shape (n,).
+        values: SI values by quantity, the efficiency computed from the shafts; shape (n,) each.
     """
+    causes = []
+    exchange = plausible_exchange(values)
+    if exchange:
+        causes.append(f"the {exchange} of the two shafts exchanged")
+    units = _suspect_units(values["efficiency"])
+    if units:
+        causes.append(f"{units} mixed up")
+    return ", or ".join(causes)
+
+
+def _suspect_units(efficiency: Array) -> str:
+    """Return which mixed-up units would explain efficiencies, shape (n,), or `""`."""
     usable = efficiency[np.isfinite(efficiency) & (efficiency > 0.0)]
     if not len(usable):
         return ""
@@ -252,4 +264,4 @@ def suspect_efficiency(efficiency: Array) -> str:
         for ratio in (factor, 1.0 / factor):
             if 0.5 < middle / ratio < 0.95:
                 named.append(name)
-    return named[0] if len(named) >= 1 else ""
+    return named[0] if named else ""
