@@ -9,7 +9,7 @@ from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from .axes import MOST, columns
-from .gap_map import gap_map, stage_of_map
+from .gap_map import gap_map, machine, stage_of_map
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
 
@@ -18,6 +18,7 @@ __all__ = [
     "columns",
     "draw_residuals",
     "gap_map",
+    "machine",
     "place_rows",
     "residual_table",
     "residuals",
@@ -25,6 +26,7 @@ __all__ = [
     "stage_of_map",
     "stage_rows",
     "stage_watts",
+    "test_labels",
     "test_rows",
     "watts",
 ]
@@ -56,8 +58,17 @@ def place_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
     return rows
 
 
+def test_labels(diagnosis: Diagnosis) -> list[str]:
+    """Return what names an operating point to measure next beside its axes, as `stage`."""
+    labels: dict[str, None] = {}
+    for test in diagnosis.next_tests:
+        labels |= dict.fromkeys(test.setting)
+    return list(labels)
+
+
 def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
     """Return rows of the operating points to measure next."""
+    labels = test_labels(diagnosis)
     rows: list[tuple[Any, ...]] = []
     for test in diagnosis.next_tests:
         if test.point is None:
@@ -70,6 +81,7 @@ def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
             (
                 len(rows) + 1,
                 " | ".join(map(words.plain, test.separates)),
+                *(test.setting.get(label, words.NOTHING) for label in labels),
                 *coordinates,
                 words.number(test.gain),
                 words.plain(test.measure or words.NOTHING),

@@ -134,14 +134,17 @@ def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
 
 
 def _title(diagnosis: Diagnosis) -> str:
+    return f"{machine(diagnosis)}: {words.mechanic(diagnosis)}"
+
+
+def machine(diagnosis: Diagnosis) -> str:
+    """Return the name of the bench file and the stages of its samples."""
     source = str(diagnosis.samples.source).rsplit("/", 1)[-1]
     stages = stages_of(diagnosis.samples)
-    machine = source
-    if len(stages) == 1:
-        machine = f"{source}, stage {stages[0]}"
-    elif stages:
-        machine = f"{source}, stages {', '.join(stages)}"
-    return f"{machine}: {words.mechanic(diagnosis)}"
+    if not stages:
+        return source
+    noun = "stage" if len(stages) == 1 else "stages"
+    return f"{source}, {noun} {', '.join(stages)}"
 
 
 def draw_view(axes: Any, diagnosis: Diagnosis, view: View) -> None:
@@ -256,7 +259,9 @@ def _draw_estimate(
     )
     bar.locator = _few_values()
     bar.update_ticks()
-    bar.set_label(f"estimated gap [{diagnosis.channel.unit}]", labelpad=10.0)
+    stage = stage_of_map(diagnosis)
+    in_stage = "" if stage is None else f" in {stage}"
+    bar.set_label(f"estimated gap{in_stage} [{diagnosis.channel.unit}]", labelpad=10.0)
 
 
 def _signed(value: float, _: int) -> str:

@@ -152,6 +152,11 @@ class Advice:
 
     def report(self) -> str:
         """Return which test to run next, or why to stop, as text for a person."""
+        lines = [*self.steps(), self._candidates_line()]
+        return "\n".join(wrapped(line) for line in lines)
+
+    def steps(self) -> list[str]:
+        """Return notes and what to do next, one sentence an entry without line breaks."""
         lines = [f"note: {note}" for note in self.notes]
         if self.stop:
             lines.append(f"stop: {self.reason}")
@@ -166,14 +171,16 @@ class Advice:
             if self.parted:
                 apart = ": distinguishes {} from {}".format(*self.parted)
             lines.append(f"measure: {self.measure}{apart}")
+        return lines
+
+    def _candidates_line(self) -> str:
         candidates = [
             f"{named(names)} ({probability(p)})" for names, p in self.candidates
         ]
-        lines.append(
+        return (
             f"candidates: {', '.join(candidates)}, no gap or a base model slightly off "
             f"({probability(self.no_gap)})"
         )
-        return "\n".join(wrapped(line) for line in lines)
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

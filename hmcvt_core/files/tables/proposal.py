@@ -76,6 +76,8 @@ _LIKELY_UNITS = (
 )
 """Smaller torques are asked, and powers, since PS and hp are near kW. A tractor's engine turns at
 most at 320 rad/s, and slower than that in r/min only at idle."""
+_NAMES_OF_STAGE = ("gear", "range", "gear range", "speed range")
+"""Names of the column of stages; within a longer name these words mean something else."""
 _OPTIONAL = ("oil_temperature", "pressure", "efficiency_std", "stage")
 """Quantities that samples do without, so that a doubt about them is a note."""
 _DECIMALS = ("--decimal point", "--decimal comma")
@@ -349,6 +351,8 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     below = table.units.get(name, "")
     meaning = meaning_of(name, below)
     quantity = meaning.quantity
+    if name.strip().lower() in _NAMES_OF_STAGE:
+        quantity = "stage"
     if not quantity:
         if meaning.problem and meaning.kind:
             return None, f"column {name!r} is not used: {meaning.problem}"

@@ -51,12 +51,12 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "\u8f6c\u901f \u89d2\u901f\u5ea6",
         "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
         "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
-        "stage": "stage gang fahrbereich stufe",
+        "stage": "stage gang fahrbereich stufe fahrstufe gangstufe",
         "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
         "\u6d41\u91cf",
         "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
         "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
-        "ingresso entrada motore vm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
+        "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
         "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
         "ausgangswelle sortie salida uscita saida cardan \u8f93\u51fa "
         "\u8f93\u51fa\u8f74",
