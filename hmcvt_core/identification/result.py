@@ -172,7 +172,7 @@ class Identification:
             yield f"  (samples of {stage} alone would leave standard errors of {spread})"
         displacement = model.stage.pump_motor.motor_displacement
         yield (
-            "  (leakage holds for the motor displacement of the gear train, "
+            "  (leakage holds for the motor displacement of the transmission file, "
             f"{displacement / CM3_PER_REV:.4g} cm3/rev)"
         )
         yield from self._error_lines()
