@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 import yaml
 
-import hmcvt_core as hmcvt
+from hmcvt_core import EfficiencyModel, HydraulicParameters, save_model
 from hmcvt_core.cli import cli
 from hmcvt_core.model.parameter_file import load_stages
 
@@ -141,7 +141,7 @@ def workplace(tmp_path, monkeypatch):
 def _write_stages(folder):
     """Write what the commands of docs/table-to-decision.md write one after the other."""
     page = (DOCS / "table-to-decision.md").read_text(encoding="utf-8")
-    lines = [line for line in _lines(page) if "new" in line or "--yes" in line]
+    lines = [line for line in _lines(page) if "--gear-pair" in line or "--yes" in line]
     gears = folder / "stages.yaml"
     for line in lines:
         text = line.replace("stages.yaml", str(gears))
@@ -149,11 +149,9 @@ def _write_stages(folder):
         words = text.replace("data/three", f"{ROOT}/data/three")
         assert run(*shlex.split(words)[1:]).code == 0
     stages = load_stages(gears)
-    parameters = hmcvt.HydraulicParameters(9e-12, 0.072, 0.129)
-    model = hmcvt.EfficiencyModel(
-        stages[0], parameters, other_stages=tuple(stages[1:])
-    )
-    hmcvt.save_model(model, folder / "stages_model.yaml")
+    parameters = HydraulicParameters(9e-12, 0.072, 0.129)
+    model = EfficiencyModel(stages[0], parameters, other_stages=tuple(stages[1:]))
+    save_model(model, folder / "stages_model.yaml")
 
 
 def _write_logs(folder):

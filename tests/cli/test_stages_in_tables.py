@@ -1,0 +1,120 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt import` of tables of several stages: each stage has a speed ratio of its own."""
+
+import csv
+
+import pytest
+
+from .running import ROOT
+
+TABLE = ROOT / "data" / "three_stages.csv"
+MISTYPED = 23  # its engine torque is ten times too large
+STAGE, STROKE = "Fahrbereich", "Verstellung [%]"
+ENGINE_SPEED, ENGINE_TORQUE = "Drehzahl Motor [1/min]", "Drehmoment Motor [Nm]"
+OUTPUT_SPEED, OUTPUT_TORQUE = "Drehzahl Abtrieb [1/min]", "Drehmoment Abtrieb [Nm]"
+OUTPUT_POWER = "Leistung Abtrieb [kW]"
+
+
+def value(text):
+    return float(text.replace(",", "."))
+
+
+@pytest.fixture
+def tests():
+    """Rows of the shipped table, the torque of the output in N m."""
+    with TABLE.open(encoding="utf-8") as file:
+        file.readline()
+        rows = list(csv.DictReader(file, delimiter=";"))
+    del rows[MISTYPED - 1]
+    for row in rows:
+        torque = 1000.0 * value(row.pop("Drehmoment Abtrieb [kNm]"))
+        row[OUTPUT_TORQUE] = f"{torque:.1f}".replace(".", ",")
+        power = torque * value(row[OUTPUT_SPEED]) / 9549.3
+        row[OUTPUT_POWER] = f"{power:.4f}".replace(".", ",")
+        shaft_power = value(row[ENGINE_TORQUE]) * value(row[ENGINE_SPEED]) / 9549.3
+        row["Wirkungsgrad [%]"] = f"{100 * power / shaft_power:.3f}".replace(".", ",")
+    return rows
+
+
+@pytest.fixture
+def imported(hmcvt, tmp_path):
+    """Return a function that imports rows under names of columns."""
+
+    def run(rows, names, **renamed):
+        path = tmp_path / "table.csv"
+        head = [renamed.get(name, name) for name in names]
+        lines = [head, *([row[name] for name in names] for row in rows)]
+        path.write_text("\n".join(map(";".join, lines)), encoding="utf-8")
+        return hmcvt("import", path, "--out", tmp_path / "bench.csv", "--yes")
+
+    return run
+
+
+def assert_refused(done, *words):
+    """Exit code 2 and these words in the last line, below the proposal."""
+    assert done.code == 2, done
+    message = done.err.splitlines()[-1]
+    assert message.startswith("hmcvt: error: ")
+    for word in words:
+        assert word in message, (word, message)
+
+
+def exchanged(*pairs):
+    """Return new names of columns with those of each pair exchanged."""
+    names = {}
+    for one, other in pairs:
+        names[one] = other
+        names[other] = one
+    return names
+
+
+SHAFTS = (STAGE, STROKE, ENGINE_SPEED, ENGINE_TORQUE, OUTPUT_SPEED, OUTPUT_TORQUE)
+SPEEDS = (ENGINE_SPEED, OUTPUT_SPEED)
+TORQUES = (ENGINE_TORQUE, OUTPUT_TORQUE)
+
+
+def test_the_speed_ratio_is_stated_by_stage(imported, tests):
+    done = imported(tests, SHAFTS)
+    assert done.code == 0, done.err
+    for text in ("in F1 0.0564 at stroke 0.41", "in F2 0.172", "in F3 0.429"):
+        assert text in done.out
+
+
+@pytest.mark.parametrize(
+    ("pairs", "exchange"),
+    [
+        ((SPEEDS, TORQUES), "columns"),
+        ((SPEEDS,), "speeds"),
+    ],
+)
+def test_exchanged_shafts_are_named(imported, tests, pairs, exchange):
+    done = imported(tests, SHAFTS, **exchanged(*pairs))
+    assert_refused(done, f"the {exchange} of the two shafts exchanged")
+
+
+def test_exchanged_torques_are_named_by_those_rows_that_are_possible(imported, tests):
+    done = imported(tests, SHAFTS, **exchanged(TORQUES))
+    assert_refused(done, "efficiency")
+    possible = [row for row in tests if row[STAGE] == "F2"]
+    done = imported(possible, SHAFTS, **exchanged(TORQUES))
+    assert_refused(done, "the torques of the two shafts exchanged")
+
+
+def test_exchanged_speeds_show_without_torques(imported, tests):
+    names = (STAGE, STROKE, *SPEEDS, OUTPUT_POWER, "Wirkungsgrad [%]")
+    assert imported(tests, names).code == 0
+    done = imported(tests, names, **exchanged(SPEEDS))
+    assert_refused(done, "engine speed / output speed of stage F2 is a line")
+
+
+def test_a_mistyped_stroke_is_named_with_its_stage(imported, tests):
+    position = next(i for i, row in enumerate(tests) if row[STAGE] == "F3")
+    tests[position][STROKE] = "95"
+    done = imported(tests, SHAFTS)
+    assert_refused(done, f"row {position + 2}: output speed", "the other tests of F3")
+
+
+@pytest.mark.parametrize("name", ["Gear", "Range", "Fahrstufe", "stage"])
+def test_names_of_the_column_of_stages(imported, tests, name):
+    done = imported(tests, SHAFTS, **{STAGE: name})
+    assert done.code == 0 and "in F3 " in done.out
