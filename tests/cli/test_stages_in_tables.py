@@ -118,3 +118,32 @@ def test_a_mistyped_stroke_is_named_with_its_stage(imported, tests):
 def test_names_of_the_column_of_stages(imported, tests, name):
     done = imported(tests, SHAFTS, **{STAGE: name})
     assert done.code == 0 and "in F3 " in done.out
+
+
+def test_set_values_below_the_tests_have_no_number(imported, tests):
+    for number, row in enumerate(tests, 1):
+        row["Prüfpunkt"] = str(number)
+    names = ("Prüfpunkt", *SHAFTS)
+    assert imported(tests, names).code == 0
+    values = dict(zip(SHAFTS, ("F3", "50", "1800", "300", "1620", "300"), strict=True))
+    done = imported([*tests, {"Prüfpunkt": "", **values}], names)
+    row = len(tests) + 2
+    assert_refused(done, f"row {row}: has no number in column 'Prüfpunkt'")
+
+
+def test_a_gear_efficiency_is_not_that_of_the_transmission(imported, tests):
+    """Both stand in the table: the one of the transmission is taken."""
+    for row in tests:
+        row["Efficiency [%]"] = row["Wirkungsgrad [%]"]
+        row["Gear efficiency [%]"] = "97,5"
+    names = (*SHAFTS, "Gear efficiency [%]", "Efficiency [%]")
+    done = imported(tests, names)
+    assert done.code == 0 and "0.8841" in done.out
+    done = imported(tests, names, **{"Efficiency [%]": "Wirkungsgrad [%]"})
+    assert done.code == 0 and "0.8841" in done.out
+
+
+def test_a_stroke_in_percent_that_is_a_fraction_is_refused(imported, tests):
+    for row in tests:
+        row[STROKE] = f"{0.01 * value(row[STROKE]):.2f}".replace(".", ",")
+    assert_refused(imported(tests, SHAFTS), "is it a fraction, not percent?")

@@ -1,9 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Rows that are no tests: means and limits below a table, set values, repeated headers.
 
-A row is a summary where a cell says so (`Mean`, `Sollwert`, `Upper limit`), where text stands in a
-column that numbers the tests, or where its numbers are the mean, median, deviation, least, largest
-or sum of the rows above.
+A row is a summary where a cell says so (`Mean`, `Sollwert`, `Upper limit`), where text or nothing
+stands in a column that numbers the tests, or where its numbers are the mean, median, deviation,
+least, largest or sum of the rows above.
 """
 
 import math
@@ -48,6 +48,8 @@ _ALL = _SUMMARY | _VALUE | _WEAK | frozenset(_FILL_WORDS.split())
 _MOST_SUMMARIES = 8
 """Rows at the end of a table that are compared with statistics of those above."""
 _FEWEST_ROWS = 3
+_FEWEST_NUMBERED = 5
+"""Tests numbered 1, 2, 3, ... from which a row without a number stands out."""
 _FEWEST_COLUMNS = 3
 _WIDTH = 2e-3
 """Part of the spread of a column by which a statistic of it may be rounded."""
@@ -60,8 +62,9 @@ _LARGEST_CHANCE = 0.02
 def summary_rows(table: RawTable) -> dict[int, str]:
     """Return rows that summarise others, each with the reason."""
     summaries: dict[int, str] = {}
-    for cells in table.columns.values():
-        for index, reason in _labelled(cells).items():
+    for name, cells in table.columns.items():
+        reasons = _labelled(cells) | _without_number(name, cells)
+        for index, reason in reasons.items():
             summaries.setdefault(table.rows[index], reason)
     labelled = set(summaries)
     kept = [index for index, row in enumerate(table.rows) if row not in labelled]
@@ -89,6 +92,20 @@ def _labelled(cells: Sequence[str]) -> dict[int, str]:
         elif cell in words:
             reasons[index] = f"{cell!r} stands where other rows have a number"
     return reasons
+
+
+def _without_number(name: str, cells: Sequence[str]) -> dict[int, str]:
+    """Return the last cells that are empty in a column that numbers the tests 1, 2, 3, ..."""
+    numbered = len(cells)
+    while numbered and not cells[numbered - 1]:
+        numbered -= 1
+    count = len(cells) - numbered
+    if numbered < _FEWEST_NUMBERED or not 0 < count <= _MOST_SUMMARIES:
+        return {}
+    if list(cells[:numbered]) != [str(number) for number in range(1, numbered + 1)]:
+        return {}
+    reason = f"has no number in column {name!r}, which numbers the tests"
+    return dict.fromkeys(range(numbered, len(cells)), reason)
 
 
 def _is_text(cell: str) -> bool:
