@@ -147,3 +147,36 @@ def test_a_stroke_in_percent_that_is_a_fraction_is_refused(imported, tests):
     for row in tests:
         row[STROKE] = f"{0.01 * value(row[STROKE]):.2f}".replace(".", ",")
     assert_refused(imported(tests, SHAFTS), "is it a fraction, not percent?")
+
+
+def test_the_shipped_table_is_identified_by_stage(hmcvt, tmp_path):
+    """The test with the typing error is named with its stage, and not drawn."""
+    gears = tmp_path / "T.yaml"
+    ratios = (0.9, 0.8, 1, 1, 2.6, 2.75, 2.7)
+    pairs = []
+    for number, ratio in enumerate(ratios, 1):
+        pairs += ["--gear-pair", f"Z{number}={ratio}"]
+    row = "row=k mechanical=Z1:ring pump=Z2 motor=Z3:sun"
+    stages = ["--stage", "F1 layout=hydrostatic pump=Z2 motor=Z6 output=Z7"]
+    stages += ["--stage", f"F2 {row} output=Z5:carrier"]
+    stages += ["--stage", f"F3 {row} output=Z4:carrier"]
+    new = hmcvt(
+        "transmission", "new", gears, *pairs, "--planetary-row", "k=2.5", *stages
+    )
+    assert new.code == 0, new.err
+    bench = tmp_path / "bench.csv"
+    assert hmcvt("import", TABLE, "--out", bench, "--yes").code == 0
+    picture = tmp_path / "fit.svg"
+    options = ("--transmission", gears, "--noise", "0.25%", "--picture", picture)
+    done = hmcvt("identify", bench, *options)
+    assert done.code == 0, done.err
+    alone = [line for line in done.out.splitlines() if "alone would" in line]
+    assert [line.split()[2] for line in alone] == ["F1", "F2", "F3"]
+    row = MISTYPED + 1  # below the header of the bench file
+    assert f"row {row} is set aside: it reads 0.05334" in done.out
+    assert "(stage F1, displacement ratio 0.4, 188.5 rad/s" in done.out
+    drawn = picture.read_text(encoding="utf-8")
+    for text in ("fitted, F1 (15)", "fitted, F3 (22)", "not drawn: 1 set aside"):
+        assert text in drawn
+    refused = hmcvt("diagnose", bench)
+    assert_refused(refused, "stage 'F2' is not known", "--params takes a model")
