@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...transmission.ranges import Array
 from .proposal import Column, option
 
-_FEWEST_TESTS = 6
+_FEWEST_TESTS = 5
 _LEAST_SPREAD = 0.1
 """Standard deviation of the logarithm of the speed ratio from which exchanged shafts show."""
 _LEAST_STROKES = 0.5
