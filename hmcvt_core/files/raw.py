@@ -254,9 +254,7 @@ def import_table(
     if left_out and not (skip_bad and kept):
         raise InputError(f"{table.source}: {_rows_message(left_out)}")
     taken = _rows(values, kept)
-    stages = None
-    if "stage" in extra:
-        stages = [extra["stage"][index] for index in kept]
+    stages = _stages(extra, kept)
     if not unchecked:
         spares = _rows(_all_values(proposal.spares, table), kept)
         _refuse_contradictions(
@@ -266,6 +264,15 @@ def import_table(
     if note:
         notes.append(note)
     return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+
+
+def _stages(
+    extra: Mapping[str, Sequence[str]], kept: Sequence[int]
+) -> list[str] | None:
+    """Return the stage of each row that is kept; None where no column names it."""
+    if "stage" not in extra:
+        return None
+    return [extra["stage"][index] for index in kept]
 
 
 def _odd_rows(

@@ -346,13 +346,18 @@ def _without_optional(
     return notes
 
 
+def _quantity(name: str, meaning: Meaning) -> str:
+    """Return the quantity that a name means; `""` for none."""
+    if name.strip().lower() in _NAMES_OF_STAGE:
+        return "stage"
+    return meaning.quantity
+
+
 def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     """Return what a column may hold, and a note where it was refused."""
     below = table.units.get(name, "")
     meaning = meaning_of(name, below)
-    quantity = meaning.quantity
-    if name.strip().lower() in _NAMES_OF_STAGE:
-        quantity = "stage"
+    quantity = _quantity(name, meaning)
     if not quantity:
         if meaning.problem and meaning.kind:
             return None, f"column {name!r} is not used: {meaning.problem}"
