@@ -24,6 +24,7 @@ _TEXTS = {
     "engine_torque": "With output torque and speed it gives the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
+    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
     "efficiency_std": "Standard deviation of the efficiency.",
     "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
     "pressure": "Over the motor, high minus low side.",
@@ -322,7 +323,7 @@ def _preview(imported: Imported) -> list[str]:
         lines.append(f"without {line}")
     lines += imported.notes
     skip = ""
-    if imported.left_out:
+    if imported.doubtful:
         skip = "; --skip-bad leaves the rows above out"
     lines.append(
         f"{len(imported.samples)} bench samples would be written; --yes takes the "

@@ -7,7 +7,7 @@ columns, `import_table` converts and checks the values and makes the samples.
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import Any, NamedTuple
@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..transmission.ranges import Array
+from ..transmission.ranges import BENCH_COLUMNS, Array
 from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
+from .tables.no_tests import confirmed_power, rows_without_test
 from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
@@ -50,11 +51,12 @@ __all__ = [
     "read_raw_bench",
 ]
 
-_KEPT = tuple(RANGES)[: len(RANGES) - 4]
+_KEPT = tuple(column.name for column in BENCH_COLUMNS)
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
+_LOSS_NOTE = "load torque = engine torque - torque loss, both at the input shaft"
 _PERCENT = "%"
 _FEWEST_MATRIX_COLUMNS = 3
 """Numbers in a header from which it is that of a matrix."""
@@ -68,11 +70,13 @@ class Imported(NamedTuple):
         samples: of the tests, or of the steady windows of a recording.
         left_out: rows that were left out, each with the reason.
         notes: what else was done.
+        doubtful: how many of the rows that were left out may be tests.
     """
 
     samples: BenchSamples
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    doubtful: int = 0
 
 
 def read_raw_bench(
@@ -246,21 +250,65 @@ def import_table(
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
     values.setdefault("efficiency", out / into)
-    bad = _bad_rows(values, columns, table)
+    if "torque_loss" in columns:
+        notes.append(_LOSS_NOTE)
+    no_tests = _rows_by_number(rows_without_test(values, columns, table), table)
+    bad = _bad_rows(values, columns, table, no_tests.keys())
     if not unchecked:
         bad = _odd_rows(values, "stage" in proposal.columns, table) | bad
-    kept = [index for index, row in enumerate(table.rows) if row not in bad]
-    left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
-    if left_out and not (skip_bad and kept):
-        raise InputError(f"{table.source}: {_rows_message(left_out)}")
+    doubtful = {row: bad[row] for row in sorted(bad) if row not in no_tests}
+    excluded = doubtful.keys() | no_tests.keys()
+    kept = [index for index, row in enumerate(table.rows) if row not in excluded]
+    if doubtful and not (skip_bad and kept):
+        raise InputError(f"{table.source}: {_rows_message(_row_lines(doubtful))}")
+    if not kept:
+        raise InputError(
+            f"{table.source}: no row holds a test: {'; '.join(_grouped_lines(no_tests))}"
+        )
+    left_out = (*_row_lines(doubtful), *_grouped_lines(no_tests))
     taken = _rows(values, kept)
     if not unchecked:
         spares = _rows(_all_values(proposal.spares, table), kept)
-        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table)
+        confirmed = confirmed_power(values, columns, table)
+        sure: tuple[str, ...] = ()
+        if confirmed is not None and confirmed.whole:
+            sure = ("load_torque",)
+            notes.append(
+                f"column {confirmed.name!r} x engine speed is the output power in every row"
+            )
+        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table, sure)
     note = shafts_note(taken, columns)
     if note:
         notes.append(note)
-    return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+    samples = _bench(taken, extra, kept, table)
+    return Imported(samples, left_out, tuple(notes), len(doubtful))
+
+
+def _rows_by_number(reasons: Mapping[int, str], table: RawTable) -> dict[int, str]:
+    """Return reasons by number of the row in place of its position."""
+    return {table.rows[index]: reasons[index] for index in sorted(reasons)}
+
+
+def _row_lines(reasons: Mapping[int, str]) -> tuple[str, ...]:
+    """Return one line for each row that is left out."""
+    return tuple(f"row {row}: {reason}" for row, reason in reasons.items())
+
+
+def _grouped_lines(reasons: Mapping[int, str]) -> tuple[str, ...]:
+    """Return one line for all rows that are left out for one reason."""
+    by_reason: dict[str, list[int]] = {}
+    for row, reason in reasons.items():
+        by_reason.setdefault(reason, []).append(row)
+    lines = []
+    for reason, rows in by_reason.items():
+        if len(rows) == 1:
+            lines.append(f"row {rows[0]}: {reason}")
+            continue
+        listed = ", ".join(map(str, rows[:_MOST_SHOWN]))
+        if len(rows) > _MOST_SHOWN:
+            listed += " and more"
+        lines.append(f"{len(rows)} rows ({listed}): {reason}")
+    return tuple(lines)
 
 
 def _odd_rows(
@@ -550,9 +598,11 @@ def _refuse_contradictions(
     values: Mapping[str, Array],
     columns: Mapping[str, Column],
     table: RawTable,
+    confirmed: Collection[str] = (),
 ) -> None:
     """Raise an `InputError` where values contradict each other or look like another unit."""
-    problems = [*contradictions(stated, spares), *implausible(values, columns)]
+    problems = contradictions(stated, spares)
+    problems += implausible(values, columns, confirmed)
     if not problems:
         problems += exchanged_shafts(stated, columns)
     if problems:
@@ -573,9 +623,19 @@ def _rows_message(left_out: Sequence[str]) -> str:
 
 
 def _bad_rows(
-    values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
+    values: Mapping[str, Array],
+    columns: Mapping[str, Column],
+    table: RawTable,
+    no_tests: Collection[int],
 ) -> dict[int, str]:
-    """Return what is wrong with rows, by number."""
+    """Return what is wrong with rows, by number.
+
+    Args:
+        values: SI values by quantity, shape (n,) each.
+        columns: where they stand.
+        table: as text.
+        no_tests: numbers of the rows that hold no test beyond doubt.
+    """
     with_text = np.zeros(len(table.rows), dtype=bool)
     for quantity in set(columns) - {"stamp", "stage"}:
         with_text |= np.isnan(values[quantity])
@@ -604,9 +664,10 @@ def _bad_rows(
         outside = {
             table.rows[index]: limits.complaint(column[index])
             for index in np.flatnonzero(~limits.contains(column)).tolist()
-            if table.rows[index] not in bad
+            if table.rows[index] not in bad and table.rows[index] not in no_tests
         }
-        if outside and 2 * len(outside) > len(column) - len(bad):
+        others = bad.keys() | no_tests
+        if outside and 2 * len(outside) > len(column) - len(others):
             row = min(outside)  # the column or its unit is wrong
             raise InputError(f"{table.source}: row {row}: {outside[row]}{remark}")
         bad |= outside

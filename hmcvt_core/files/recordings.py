@@ -94,7 +94,32 @@ def is_smooth(values: Mapping[str, Array]) -> bool:
 def looks_recorded(values: Mapping[str, Array]) -> bool:
     """Return whether rows without a time are so many and so alike that they are a recording."""
     rows = min(len(column) for column in values.values())
-    return rows >= _RECORDED and is_smooth(values) and not is_grid(values)
+    if rows < _RECORDED or not is_smooth(values):
+        return False
+    return not (is_grid(values) or is_even_sweep(values))
+
+
+def is_even_sweep(values: Mapping[str, Array]) -> bool:
+    """Return whether a quantity of the shafts is set in equal steps, as in a computed curve.
+
+    Readings of a meter never differ by the same amount from row to row, to the last digit. The
+    step to an end of the range may differ.
+    """
+    for name in _SET:
+        if name not in values:
+            continue
+        steps = np.diff(values[name])[1:-1]
+        if not len(steps) or not np.all(np.isfinite(steps)):
+            continue
+        step = float(np.median(steps))
+        if step != 0.0 and np.all(np.abs(steps - step) <= _SAME_STEP * abs(step)):
+            return True
+    return False
+
+
+_SET = ("engine_speed", "output_speed", "engine_torque", "output_torque", "load_torque")
+_SAME_STEP = 1e-6
+"""Part by which equal steps differ at most, by rounding of floating point."""
 
 
 def is_grid(values: Mapping[str, Array]) -> bool:
@@ -320,6 +345,9 @@ def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
     """
     if "load_torque" in values:
         out = values["load_torque"] * values["engine_speed"]
+    elif "torque_loss" in values and "engine_torque" in values:
+        remaining = values["engine_torque"] - values["torque_loss"]
+        out = remaining * values["engine_speed"]
     elif "output_torque" in values:
         out = values["output_torque"] * values["output_speed"]
     elif "output_power" in values:

@@ -38,12 +38,14 @@ RANGES: Mapping[str, Range] = {
         name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
         for name in ("engine_power", "output_power")
     },
+    "torque_loss": Range("torque_loss", 0.0, 20_000.0, "N m", "not negative"),
 }
 """Plausible range of every quantity, in SI units."""
 INPUTS = ("engine_torque", "engine_power")
-OUTPUTS = ("load_torque", "output_torque", "output_power")
+OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")
 # A quantity that the others already give is compared with them instead, the first one first.
 _SPARE = (
+    "torque_loss",
     "engine_power",
     "engine_torque",
     "output_power",
@@ -163,6 +165,8 @@ def missing_quantities(columns: Set[str]) -> list[str]:
     """Return what bench samples still need in addition to these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
+    if "engine_torque" not in columns:
+        out = out - {"torque_loss"}
     missing = [
         name for name in ("displacement_ratio", "engine_speed") if name not in columns
     ]
@@ -410,6 +414,14 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     if not choice.unit:
         return f"column {name!r} names no unit"
     return ""
+
+
+def unit_is_stated(name: str, table: RawTable) -> bool:
+    """Return whether the name of a column, the row of units or its cells state its unit."""
+    unit = meaning_of(name, table.units.get(name, "")).unit
+    if unit is not None and unit.name != "-":
+        return True
+    return bool(table.numbers(name).units)
 
 
 def _brackets(meaning: Meaning) -> list[str]:
