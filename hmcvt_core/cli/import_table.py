@@ -81,6 +81,12 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
     help="Names of all columns with their units, for a table without a header, as "
     "'n_engine [rpm],M_engine [Nm],eta [%]'.",
 )
+@click.option(
+    "--matrix",
+    metavar="ROWS,COLUMNS,CELLS",
+    help="Names of both axes and of the cells of a map that is a matrix, as "
+    "'engine speed [rpm],load torque [Nm],efficiency [%]'.",
+)
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option(
     "--decimal",
@@ -117,6 +123,7 @@ def command(
     out: str,
     header_row: int | None,
     names: str | None,
+    matrix: str | None,
     sheet: str | None,
     decimal: str | None,
     mapping: str | None,
@@ -142,6 +149,7 @@ def command(
         "sheet": sheet,
         "decimal": decimal,
         "names": names,
+        "matrix": matrix,
     }
     named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
@@ -277,6 +285,8 @@ def _source_line(table: RawTable) -> str:
     if table.units:
         units = " and a row of units"
     header = f"header in row {table.header_row}{units}"
+    if table.matrix:
+        return f"{table.source}{sheet}: {table.matrix}"
     if table.header_row == 0:
         header = "names of the columns as given"
     return (

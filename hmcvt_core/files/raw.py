@@ -20,7 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
-from .tables.no_tests import confirmed_power, rows_without_test
+from .tables.no_tests import confirmed_torque, rows_without_test
 from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
@@ -100,6 +100,7 @@ def choose_columns(
     sheet: str | None = None,
     decimal: str | None = None,
     names: str | None = None,
+    matrix: str | None = None,
     guess: bool = False,
     averaged: bool = False,
 ) -> tuple[RawTable, Proposal]:
@@ -115,6 +116,8 @@ def choose_columns(
         decimal: `point` or `comma`; the table decides when left out.
         names: of the columns of a table without any, separated by commas, as
             `n_engine [rpm],M_engine [Nm]`.
+        matrix: names of the row axis, the column axis and the cells of a map that is a matrix,
+            separated by commas.
         guess: whether to propose columns for what is not named.
         averaged: whether each row is a steady test, however fast the stamps rise.
 
@@ -129,11 +132,12 @@ def choose_columns(
     bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
     header = names.split(",") if names else []
-    table = read_table(path, bare, header_row, sheet, decimal, header)
+    axes = matrix.split(",") if matrix else []
+    table = read_table(path, bare, header_row, sheet, decimal, header, axes)
     if not set(bare) <= table.columns.keys():
         # A number for all rows does not show which row is the header.
         of_columns = [name for name in bare if name not in constants]
-        table = read_table(path, of_columns, header_row, sheet, decimal, header)
+        table = read_table(path, of_columns, header_row, sheet, decimal, header, axes)
     missing = [name for name in constants if name not in table.columns]
     table = table.with_constants(missing)
     if "stamp" in columns and _bare_name(columns["stamp"]) not in table.columns:
@@ -174,7 +178,7 @@ def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
 def _assumed_units(
     columns: Mapping[str, Column], texts: Mapping[str, str], table: RawTable
 ) -> list[str]:
-    """Say of which torques and powers neither the table nor the user states the unit.
+    """Say of which speeds, torques and powers nothing states the unit.
 
     Args:
         columns: by quantity, named or proposed.
@@ -183,7 +187,7 @@ def _assumed_units(
     """
     notes = []
     for quantity, column in columns.items():
-        if kind_of(quantity) not in ("torque", "power"):
+        if kind_of(quantity) not in ("speed", "torque", "power"):
             continue
         name = column.name
         if quantity in texts and texts[quantity].strip() != name:
@@ -269,12 +273,12 @@ def import_table(
     taken = _rows(values, kept)
     if not unchecked:
         spares = _rows(_all_values(proposal.spares, table), kept)
-        confirmed = confirmed_power(values, columns, table)
+        confirmed = confirmed_torque(values, columns, table)
         sure: tuple[str, ...] = ()
-        if confirmed is not None and confirmed.whole:
+        if confirmed is not None and confirmed.in_all_rows:
             sure = ("load_torque",)
             notes.append(
-                f"column {confirmed.name!r} x engine speed is the output power in every row"
+                f"column {confirmed.name!r} agrees with the load torque by power and speed"
             )
         _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table, sure)
     note = shafts_note(taken, columns)
@@ -304,11 +308,27 @@ def _grouped_lines(reasons: Mapping[int, str]) -> tuple[str, ...]:
         if len(rows) == 1:
             lines.append(f"row {rows[0]}: {reason}")
             continue
-        listed = ", ".join(map(str, rows[:_MOST_SHOWN]))
-        if len(rows) > _MOST_SHOWN:
-            listed += " and more"
-        lines.append(f"{len(rows)} rows ({listed}): {reason}")
+        lines.append(f"{len(rows)} rows ({_listed(rows)}): {reason}")
     return tuple(lines)
+
+
+def _listed(rows: Sequence[int]) -> str:
+    """Return numbers of rows, those in a row as `3 to 9`."""
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1].append(row)
+        else:
+            runs.append([row])
+    texts = []
+    for run in runs[:_MOST_SHOWN]:
+        if len(run) == 1:
+            texts.append(str(run[0]))
+        else:
+            texts.append(f"{run[0]} to {run[-1]}")
+    if len(runs) > _MOST_SHOWN:
+        texts.append("and more")
+    return ", ".join(texts)
 
 
 def _odd_rows(
@@ -427,7 +447,8 @@ def _hints_of_names(table: RawTable) -> list[str]:
     if len(numbers) > _FEWEST_MATRIX_COLUMNS:
         return [
             f"row {table.header_row} holds numbers, as that of a map over two axes does: "
-            "write one row for each of its points"
+            "write one row for each of its points, or name rows, columns and cells, as in "
+            "--matrix 'engine speed [rpm],load torque [Nm],efficiency [%]'"
         ]
     hints = []
     for name in table.without_name:

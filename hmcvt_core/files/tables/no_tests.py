@@ -5,7 +5,8 @@ A map of a machine has rows at standstill, without load, in overrun and beyond w
 Such rows are left out and named. A single value out of range is none of them: it may be mistyped.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ _SHAFT = ("engine_speed", "engine_torque", "load_torque")
 """Quantities of which a map has settings, and in which a row may be beyond a tractor."""
 _FEWEST_AT_SETTING = 3
 """Rows of a setting from which its value is not mistyped."""
-_FEWEST_SETTINGS = 3
+_FEWEST_SETTINGS = 2
 """Settings that are left at least, so that the unit of the column is right."""
 _FEWEST_LEFT = 8
 _NO_LOAD = 0.01
@@ -28,7 +29,7 @@ _NO_LOAD = 0.01
 _MOST_WITHOUT_POWER = 0.5
 """Share of rows without power from which a meter may be dead instead."""
 _SAME_POWER = 0.02
-"""Part by which torque x speed differs from the power of a row at most, by rounding."""
+"""Part by which a torque differs from power / speed of its row at most, by rounding."""
 
 
 def rows_without_test(
@@ -41,31 +42,38 @@ def rows_without_test(
         columns: where the measured ones stand.
         table: as text.
     """
+    confirmed = confirmed_torque(values, columns, table)
+    if confirmed is not None and confirmed.in_all_rows:
+        values = {**values, "load_torque": confirmed.torque}
+        columns = {**columns, "load_torque": Column(confirmed.name, confirmed.unit)}
     reasons = _blank(columns, table)
     reasons |= _without_power(values, columns)
     reasons |= _beyond_settings(values, columns, table)
-    confirmed = confirmed_power(values, columns, table)
-    if confirmed is not None:
-        for quantity in ("engine_speed", "load_torque"):
-            limits = RANGES[quantity]
-            beyond = confirmed.rows & ~limits.contains(values[quantity])
-            for index in np.flatnonzero(beyond).tolist():
-                reasons.setdefault(
-                    index,
-                    f"{quantity} is outside {limits}, and torque and power of the row agree",
-                )
+    if confirmed is None:
+        return reasons
+    for quantity in ("engine_speed", "load_torque"):
+        limits = RANGES[quantity]
+        beyond = confirmed.rows & ~limits.contains(values[quantity])
+        for index in np.flatnonzero(beyond).tolist():
+            reasons.setdefault(
+                index,
+                f"{quantity} is outside {limits}, and torque and power of the row agree",
+            )
     return reasons
 
 
 def _blank(columns: Mapping[str, Column], table: RawTable) -> dict[int, str]:
     """Return rows in which no quantity has a cell."""
-    measured = [table.columns[column.name] for column in columns.values()]
-    variable = [cells for cells in measured if len(set(cells)) > 1]
-    if not variable:
-        return {}
-    reasons = {}
-    for index, row in enumerate(zip(*variable, strict=True)):
-        if not any(row):
+    measured = []
+    for column in columns.values():
+        cells = table.columns[column.name]
+        if cells[0] != column.name:  # a number for all rows is in every row
+            measured.append(cells)
+    reasons: dict[int, str] = {}
+    if not measured:
+        return reasons
+    for index, cell in enumerate(measured[0]):
+        if not cell and not any(cells[index] for cells in measured):
             reasons[index] = "is empty in every column that is used"
     return reasons
 
@@ -100,64 +108,80 @@ def _beyond_settings(
 ) -> dict[int, str]:
     """Return the rows of settings of a map that are out of range as a whole."""
     reasons: dict[int, str] = {}
-    left = np.ones(len(table.rows), dtype=bool)
     limited = [name for name in _SHAFT if name in columns]
     for quantity in limited:
-        setting = values[quantity]
-        for value in _repeated(setting):
-            rows = setting == value
-            reason = _beyond(quantity, value, setting, columns[quantity], table)
-            if not reason and quantity == "engine_torque":
-                reason = _load_beyond(values, rows, columns[quantity], table)
-            if not reason:
-                continue
-            left &= ~rows
+        masks = _beyond(quantity, values[quantity], columns[quantity], table)
+        if quantity == "engine_torque" and unit_is_stated(
+            columns[quantity].name, table
+        ):
+            masks.append(_load_beyond(values["load_torque"], values[quantity]))
+        for reason, rows in masks:
             for index in np.flatnonzero(rows).tolist():
                 reasons.setdefault(index, reason)
+    left = np.ones(len(table.rows), dtype=bool)
+    left[list(reasons)] = False
     if left.sum() < _FEWEST_LEFT:
         return {}
     for quantity in limited:
-        settings = np.unique(values[quantity][left])
-        if len(settings) < _FEWEST_SETTINGS:
+        if len(np.unique(values[quantity][left])) < _FEWEST_SETTINGS:
             return {}
     return reasons
 
 
-def _repeated(setting: Array) -> Sequence[float]:
-    """Return the values that stand in several rows of a column."""
-    known, counts = np.unique(setting[np.isfinite(setting)], return_counts=True)
+_Mask = tuple[str, NDArray[np.bool_]]
+"""Reason why rows are left out, and which rows."""
+
+
+def _repeated(setting: Array) -> NDArray[np.bool_]:
+    """Return which rows share their value with others, as in a map; none where few values do."""
+    known, position, counts = np.unique(
+        setting, return_inverse=True, return_counts=True
+    )
     if len(known) > len(setting) / _FEWEST_AT_SETTING:
-        return []
-    return [float(value) for value in known[counts >= _FEWEST_AT_SETTING]]
+        return np.zeros(len(setting), dtype=bool)
+    return np.asarray(counts[position] >= _FEWEST_AT_SETTING)
 
 
 def _beyond(
-    quantity: str, value: float, setting: Array, column: Column, table: RawTable
-) -> str:
-    """Say how a setting is beyond the range of a tractor's transmission; `""` if it is not."""
+    quantity: str, setting: Array, column: Column, table: RawTable
+) -> list[_Mask]:
+    """Return the rows of settings that are beyond the range of a tractor's transmission.
+
+    Where a map has settings in overrun, or beyond the highest value, all rows there are left out,
+    also those of a setting of few points.
+    """
     limits = RANGES[quantity]
-    largest = float(np.nanmax(np.abs(setting)))
-    if value < 0.0:
-        return f"{quantity} is {value:g} {limits.unit}, a setting in overrun or backward"
-    if value < min(limits.low, _NO_LOAD * largest):
-        return f"{quantity} is {value:g} {limits.unit}, a setting without power"
-    if limits.contains(value) or not _unit_is_sure(quantity, column, table):
-        return ""
-    return f"{quantity} is {value:g} {limits.unit}, a setting outside {limits}"
+    repeated = _repeated(setting)
+    masks: list[_Mask] = []
+    backward = setting < 0.0
+    if np.any(backward & repeated):
+        masks.append(
+            (
+                f"{quantity} is negative at a whole setting: overrun or backward",
+                backward,
+            )
+        )
+    if not repeated.any():
+        return masks
+    least = min(limits.low, _NO_LOAD * float(np.nanmax(np.abs(setting))))
+    idle = repeated & ~backward & (setting < least)
+    masks.append((f"{quantity} is about 0 at a whole setting: no power passes", idle))
+    outside = repeated & ~backward & ~idle & ~limits.contains(setting)
+    outside &= np.isfinite(setting)
+    if outside.any() and _unit_is_sure(quantity, column, table):
+        above = setting[outside & (setting > limits.high)]
+        outside |= setting >= np.min(above, initial=np.inf)
+        masks.append((f"{quantity} is outside {limits} at a whole setting", outside))
+    return masks
 
 
-def _load_beyond(
-    values: Mapping[str, Array],
-    rows: NDArray[np.bool_],
-    column: Column,
-    table: RawTable,
-) -> str:
-    """Say that the load torques of a setting of the engine are beyond the range of a load."""
+def _load_beyond(load: Array, setting: Array) -> _Mask:
+    """Return the rows of settings of the engine at which every load torque is too large."""
     limits = RANGES["load_torque"]
-    loads = values["load_torque"][rows]
-    if not np.all(loads > limits.high) or not unit_is_stated(column.name, table):
-        return ""
-    return f"load_torque is outside {limits} at one engine torque and all speeds"
+    _, position = np.unique(setting, return_inverse=True)
+    within = np.bincount(position, weights=~(load > limits.high))
+    rows = _repeated(setting) & (within[position] == 0)
+    return f"load_torque is outside {limits} at a whole setting of engine torque", rows
 
 
 def _unit_is_sure(quantity: str, column: Column, table: RawTable) -> bool:
@@ -168,45 +192,48 @@ def _unit_is_sure(quantity: str, column: Column, table: RawTable) -> bool:
     return quantity == "engine_speed" or unit_is_stated(column.name, table)
 
 
-class ConfirmedPower:
-    """Rows in which torque x speed of an unused column of torque is the power at the output.
+class ConfirmedTorque(NamedTuple):
+    """A torque without a side that agrees with the load torque by power and speed.
 
     Attributes:
-        name: of that column.
+        name, unit: of its column.
+        torque: shape (n,) [N m].
         rows: in which the two agree, shape (n,).
-        whole: whether they agree in all rows with power.
+        in_all_rows: whether they agree in all rows in which power passes forward.
     """
 
-    def __init__(self, name: str, rows: NDArray[np.bool_], with_power: int) -> None:
-        self.name = name
-        self.rows = rows
-        self.whole = int(rows.sum()) == with_power > 0
+    name: str
+    unit: str
+    torque: Array
+    rows: NDArray[np.bool_]
+    in_all_rows: bool
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a shaft may stand
-def confirmed_power(
+def confirmed_torque(
     values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
-) -> ConfirmedPower | None:
-    """Return the rows whose output power another torque confirms; None without such a torque.
+) -> ConfirmedTorque | None:
+    """Return the unused torque that confirms a computed load torque; None without one.
 
     Args:
-        values: SI values by quantity, shape (n,) each.
+        values: SI values by quantity, measured and computed, shape (n,) each.
         columns: where the measured ones stand.
-        table: as text; a torque without a side that is not used is compared.
+        table: as text; the torque states its unit.
     """
-    if "output_power" not in columns or "output_speed" in columns:
+    if "load_torque" in columns or "output_speed" in columns:
         return None
     used = {column.name for column in columns.values()}
     for name in table.columns:
         meaning = meaning_of(name, table.units.get(name, ""))
         if name in used or meaning.quantity != "any_torque" or meaning.unit is None:
             continue
-        size, zero = to_si("torque", meaning.unit.name)
-        torque = size * (table.numbers(name).values - zero)
-        power = values["output_power"]
-        with_power = power > 0.0
-        ratio = torque * values["engine_speed"] / power
-        agree = with_power & (np.abs(ratio - 1.0) < _SAME_POWER)
-        if 2 * agree.sum() > with_power.sum():
-            return ConfirmedPower(name, agree, int(with_power.sum()))
+        unit = meaning.unit.name
+        size, zero = to_si("torque", unit)
+        torque = np.asarray(size * (table.numbers(name).values - zero))
+        load = values["load_torque"]
+        forward = (torque > 0.0) & (load > 0.0) & (values["engine_speed"] > 0.0)
+        agree = forward & (np.abs(torque / load - 1.0) < _SAME_POWER)
+        if 2 * agree.sum() > forward.sum() > 0:
+            in_all_rows = bool(agree.sum() == forward.sum())
+            return ConfirmedTorque(name, unit, torque, agree, in_all_rows)
     return None

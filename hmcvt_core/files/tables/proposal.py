@@ -43,6 +43,7 @@ RANGES: Mapping[str, Range] = {
 """Plausible range of every quantity, in SI units."""
 INPUTS = ("engine_torque", "engine_power")
 OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")
+_OF_OUTPUT = ("load_torque", "output_torque", "output_power")
 # A quantity that the others already give is compared with them instead, the first one first.
 _SPARE = (
     "torque_loss",
@@ -273,6 +274,8 @@ def propose(
     _assign_sides(candidates, proposed, given, questions, notes)
     _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
+    if not {*proposed, *given, *spares}.isdisjoint(_OF_OUTPUT):
+        spares.pop("torque_loss", None)  # it may be one of the output shaft
     doubtful = {name for name in spares if name in questions}
     for name in doubtful:
         del spares[name]
