@@ -178,7 +178,7 @@ def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
 def _assumed_units(
     columns: Mapping[str, Column], texts: Mapping[str, str], table: RawTable
 ) -> list[str]:
-    """Say of which speeds, torques and powers nothing states the unit.
+    """Say of which torques and powers, and speeds of a matrix, nothing states the unit.
 
     Args:
         columns: by quantity, named or proposed.
@@ -186,8 +186,11 @@ def _assumed_units(
         table: where they stand.
     """
     notes = []
+    kinds = ["torque", "power"]
+    if table.matrix:
+        kinds.append("speed")
     for quantity, column in columns.items():
-        if kind_of(quantity) not in ("speed", "torque", "power"):
+        if kind_of(quantity) not in kinds:
             continue
         name = column.name
         if quantity in texts and texts[quantity].strip() != name:

@@ -139,9 +139,9 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
 
     The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
     `engine_speed [r/min]`; fuel in kg/s, kg/h, g/s, g/h or g/kWh. Other names are taken where each
-    says all, as `fuel consumption [g/h]` or `bsfc_g_per_kWh`, and units in a row of their own. At every speed the highest torque is that of full load. Below
-    the lowest the fuel goes on as a straight line (Willans). Rows in which the engine is driven
-    (torque below zero) are not used.
+    says all, as `fuel consumption [g/h]` or `bsfc_g_per_kWh`, and units in a row below the names.
+    At every speed the highest torque is that of full load. Below the lowest the fuel goes on as a
+    straight line (Willans). Rows in which the engine is driven (torque below zero) are not used.
 
     Raises:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or

@@ -27,9 +27,16 @@ _BETWEEN_AXES = re.compile(
     r"\s+(?:vs\.?|versus|over|by|x)\s+|\s*[\\:|]\s*|\s+/\s+", re.IGNORECASE
 )
 _CELLS_AND_AXES = re.compile(r"(?P<cells>[^(]+)\((?P<axes>.+)\)")
+_KINDS_OF_AXES = ("speed", "torque", "power", "stroke", "pressure")
 _LARGEST = {"speed": (60.0, 2000.0), "torque": (3.0, 5000.0)}
 """Range of the largest value of an axis [rad/s, N m]: below the idle of no engine, and up to the
 fastest electric machine or the largest load torque of a bench."""
+
+_OPEN = (
+    "holds a matrix, as of a map over two axes, and nothing says for sure what its rows, "
+    "columns and cells are: write one row for each of its points, or name all three, as in "
+    "--matrix 'engine speed [rpm],load torque [Nm],efficiency [%]'"
+)
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,8 @@ def with_points(
         source: name of the file.
 
     Raises:
-        InputError: names are given, but not three, or no sheet holds a matrix.
+        InputError: names are given, but not three, or no sheet holds a matrix; or nothing names
+            the axes and cells of the only matrix.
     """
     if names and len(names) != 3:
         raise InputError(
@@ -77,6 +85,8 @@ def with_points(
         matrix = _matrix(sheet)
         if matrix is not None:
             matrix = _named(matrix, names, source)
+            if matrix is None and len(sheets) == 1:
+                raise InputError(f"{source}: {_OPEN}")
         if matrix is None:
             others.append(sheet)
         else:
@@ -176,11 +186,14 @@ def _named(matrix: _Matrix, given: Sequence[str], source: str) -> _Matrix | None
         return replace(matrix, names=(rows, columns, cells), reason="as given")
     for text in matrix.texts:
         parts = _CELLS_AND_AXES.fullmatch(text)
-        axes = _names_of_axes(text, matrix)
+        axes: tuple[str, ...] = ()
         cells = ""
-        if not axes and parts is not None:
+        if parts is not None:
             axes = _names_of_axes(parts["axes"], matrix)
             cells = parts["cells"].strip()
+        if not axes:
+            axes = _names_of_axes(text, matrix)
+            cells = ""
         if not axes:
             continue
         reason = f"by {text!r}"
@@ -194,7 +207,7 @@ def _named(matrix: _Matrix, given: Sequence[str], source: str) -> _Matrix | None
 
 
 def _names_of_axes(text: str, matrix: _Matrix) -> tuple[str, ...]:
-    """Return the names of the row axis and the column axis that a text gives; () if it is open.
+    r"""Return the names of the row axis and the column axis that a text gives; () if open.
 
     The first name is of the rows, as in `rows \\ columns`, where the sizes of the numbers exclude
     the other order, or a backslash says it.
@@ -204,7 +217,7 @@ def _names_of_axes(text: str, matrix: _Matrix) -> tuple[str, ...]:
         return ()
     first, second = (_with_kind(part) for part in parts)
     meanings = (meaning_of(first), meaning_of(second))
-    if not all(meaning.kind and not meaning.unknown for meaning in meanings):
+    if not all(_names_axis(meaning) for meaning in meanings):
         return ()
     if meanings[0].kind == meanings[1].kind:
         return ()
@@ -215,6 +228,11 @@ def _names_of_axes(text: str, matrix: _Matrix) -> tuple[str, ...]:
     if not fits or (exchanged and "\\" not in text):
         return ()
     return first, second
+
+
+def _names_axis(meaning: Meaning) -> bool:
+    """Return whether a name, understood in every word, is that of an axis of a map."""
+    return meaning.kind in _KINDS_OF_AXES and not meaning.unknown
 
 
 def _with_kind(text: str) -> str:

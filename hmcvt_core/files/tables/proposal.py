@@ -271,7 +271,8 @@ def propose(
         if question is not None:
             questions[quantity] = question
     _same_speed_units(proposed, given, questions)
-    _assign_sides(candidates, proposed, given, questions, notes)
+    of_map = bool(table.matrix)  # its axis is a quantity, whatever else is in its cells
+    _assign_sides(candidates, proposed, given, questions, notes, of_map)
     _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
     if not {*proposed, *given, *spares}.isdisjoint(_OF_OUTPUT):
@@ -750,6 +751,7 @@ def _assign_sides(
     given: Mapping[str, Column],
     questions: dict[str, Question],
     notes: list[str],
+    needed: bool,
 ) -> None:
     """Give columns that name no side a quantity where only one is possible, else ask.
 
@@ -770,7 +772,7 @@ def _assign_sides(
         known = {*proposed, *given}
         if not strong:
             continue
-        if not kind_needed(kind, set(missing_quantities(known))):
+        if not (needed or kind_needed(kind, set(missing_quantities(known)))):
             for rival in strong:
                 notes.append(f"column {rival.name!r} names no side and is not used")
         elif _only_of_its_kind(kind, strong, known):
