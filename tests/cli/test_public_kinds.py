@@ -230,7 +230,7 @@ def test_rows_of_a_map_without_power_are_left_out(hmcvt, tmp_path):
     done, found = imported(hmcvt, tmp_path, text, *ONE)
     assert done.code == 0, done
     agrees(found, points_of_map())
-    for word in ("about 0", "negative", "outside 10 to 320 rad/s"):
+    for word in ("about 0", "negative", "goes on beyond 10 to 320 rad/s"):
         assert word in done.out, done
 
 
@@ -242,6 +242,41 @@ def test_one_odd_row_of_a_map_is_still_asked(hmcvt, tmp_path):
         text = "Speed [rpm],Torque [Nm],Efficiency [%]\n" + lines(mistyped)
         done, _ = imported(hmcvt, tmp_path, text, *ONE)
         assert done.code == 2 and "row 9" in done.err, done
+
+
+def test_a_map_that_goes_on_beyond_a_tractor(hmcvt, tmp_path):
+    """Digitised points share no settings; faster ones are left out where no gap is below them."""
+    rows = [
+        (400 + 130 * i, 40 + 7 * (i % 9), round(80 + 0.1 * i, 2)) for i in range(30)
+    ]
+    text = "Speed [rpm],Torque [Nm],Efficiency [%]\n"
+    done, found = imported(hmcvt, tmp_path, text + lines(rows), *ONE)
+    assert done.code == 0 and "goes on beyond" in done.out, done
+    agrees(found, [(100, *row) for row in rows if row[0] < 3050])
+    kept = [row for row in rows if row[0] < 2900]
+    for others in ([15000], [3200], [9000, 9100, 9200], [22000, 23000, 24000]):
+        apart = [(n, 50, 85.0) for n in others]
+        done, _ = imported(hmcvt, tmp_path, text + lines(kept + apart), *ONE)
+        assert done.code == 2 and "row 22" in done.err, done
+
+
+@pytest.mark.parametrize("name", ["motor_efficiency_map.csv", "motor.csv"])
+def test_the_file_names_the_last_column_of_a_map(hmcvt, tmp_path, name):
+    rows = [
+        (n, torque, part(n, torque) / 100.0)
+        for n in SPEEDS[1:5]
+        for torque in TORQUES[3:]
+    ]
+    text = "RPM,Torque,\n" + lines(rows).replace("0.8821", "88.21%")
+    done, found = imported(hmcvt, tmp_path, text, *ONE, name=name)
+    if name == "motor.csv":
+        assert done.code == 2 and "--efficiency unnamed" in done.err, done
+        return
+    assert done.code == 0, done
+    agrees(found, points_of_map())
+    more = "RPM,Torque,Voltage,\n" + lines([(*row[:2], 300.5, row[2]) for row in rows])
+    done, _ = imported(hmcvt, tmp_path, more, *ONE, name=name)
+    assert done.code == 2 and "--efficiency unnamed" in done.err, done
 
 
 def test_torques_beyond_a_bench_are_refused_without_a_unit(hmcvt, tmp_path):

@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import Array
 from .numbers import is_number, parsed
-from .rules import SHAFT_KINDS, Meaning, meaning_of
+from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .units import to_si, usual_unit
 from .workbook import Sheet
 
@@ -265,8 +265,7 @@ def _name_of_cells(matrix: _Matrix, text: str, source: str) -> tuple[str, str]:
         if meaning.quantity and not meaning.unknown:
             return line, repr(line)
     for kind, name in (("sheet", matrix.sheet), ("file", Path(source).stem)):
-        words = set(re.findall(r"[a-z]+", name.lower()))
-        if not words.isdisjoint(("efficiency", "eff", "eta", "wirkungsgrad")):
+        if file_says_efficiency(name):
             return "efficiency", f"the name of the {kind}"
     return "", ""
 

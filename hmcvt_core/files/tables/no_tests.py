@@ -24,6 +24,11 @@ _FEWEST_AT_SETTING = 3
 _FEWEST_SETTINGS = 2
 """Settings that are left at least, so that the unit of the column is right."""
 _FEWEST_LEFT = 8
+_WITHOUT_GAP = 1.5
+"""Factor between neighbouring speeds of a map at most: digits that are exchanged or added, and
+other units, make larger ones."""
+_FASTEST = 1500.0
+"""Speed of the fastest usual machine, an electric one of a vehicle [rad/s]."""
 _NO_LOAD = 0.01
 """Part of the largest torque of a map below which a setting is one without load."""
 _MOST_WITHOUT_POWER = 0.5
@@ -161,6 +166,10 @@ def _beyond(
                 backward,
             )
         )
+    if not _of_a_machine(quantity, setting):
+        return masks
+    if quantity == "engine_speed":
+        masks.append((f"{quantity} goes on beyond {limits}", _faster(setting)))
     if not repeated.any():
         return masks
     least = min(limits.low, _NO_LOAD * float(np.nanmax(np.abs(setting))))
@@ -175,11 +184,27 @@ def _beyond(
     return masks
 
 
+def _faster(speed: Array) -> NDArray[np.bool_]:
+    """Return which rows are faster than a tractor's engine in a map that goes on without a gap.
+
+    A mistyped speed, and rows in another unit, stand apart from the others.
+    """
+    limit = RANGES["engine_speed"].high
+    faster = speed > limit
+    slower = speed[(speed > 0.0) & (speed <= limit)]
+    if faster.sum() < _FEWEST_AT_SETTING or not len(slower):
+        return np.zeros(len(speed), dtype=bool)
+    settings = np.unique(np.append(speed[faster], slower.max()))
+    if np.max(settings[1:] / settings[:-1]) > _WITHOUT_GAP:
+        return np.zeros(len(speed), dtype=bool)
+    return np.asarray(faster)
+
+
 def _load_beyond(load: Array, setting: Array) -> _Mask:
     """Return the rows of settings of the engine at which every load torque is too large."""
     limits = RANGES["load_torque"]
     _, position = np.unique(setting, return_inverse=True)
-    within = np.bincount(position, weights=~(load > limits.high))
+    within = np.bincount(position, weights=load <= limits.high)
     rows = _repeated(setting) & (within[position] == 0)
     return f"load_torque is outside {limits} at a whole setting of engine torque", rows
 
@@ -190,6 +215,11 @@ def _unit_is_sure(quantity: str, column: Column, table: RawTable) -> bool:
     The size of speeds tells rad/s from r/min; a torque without a unit is only assumed in N m.
     """
     return quantity == "engine_speed" or unit_is_stated(column.name, table)
+
+
+def _of_a_machine(quantity: str, setting: Array) -> bool:
+    """Return whether the largest value is one of a machine, and not of a wrong unit."""
+    return quantity != "engine_speed" or float(np.nanmax(setting)) <= _FASTEST
 
 
 class ConfirmedTorque(NamedTuple):
@@ -225,7 +255,9 @@ def confirmed_torque(
     used = {column.name for column in columns.values()}
     for name in table.columns:
         meaning = meaning_of(name, table.units.get(name, ""))
-        if name in used or meaning.quantity != "any_torque" or meaning.unit is None:
+        if name in used or meaning.quantity != "any_torque":
+            continue
+        if meaning.unit is None or meaning.unit.kind != "torque":
             continue
         unit = meaning.unit.name
         size, zero = to_si("torque", unit)

@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from .numbers import (
     no_number,
     not_available,
 )
-from .rules import SHAFT_KINDS, Meaning, meaning_of
+from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
 
@@ -70,9 +71,11 @@ class _Likely(NamedTuple):
     up_to: float
 
 
+_LARGEST_FRACTION = 1.5
+"""Number up to which a part is a fraction; above it is in percent."""
 _LIKELY_UNITS = (
-    _Likely("part", "-", -1.0, 1.5),
-    _Likely("part", "%", 1.5, np.inf),
+    _Likely("part", "-", -1.0, _LARGEST_FRACTION),
+    _Likely("part", "%", _LARGEST_FRACTION, np.inf),
     _Likely("speed", "rad/s", -1.0, 320.0),
     _Likely("speed", "rpm", 320.0, np.inf),
     _Likely("torque", "N m", 60.0, np.inf),
@@ -356,6 +359,9 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     """Return what a column may hold, and a note where it was refused."""
     below = table.units.get(name, "")
     meaning = meaning_of(name, below)
+    of_file = _is_value_of_map(name, table)
+    if of_file:
+        meaning = meaning_of("efficiency", below)
     quantity = meaning.quantity
     if not quantity:
         if meaning.problem and meaning.kind:
@@ -370,6 +376,8 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     if finite_share(numbers.values) == 0.0:
         return None, _no_numbers(name, quantity, table)
     choice = _unit(quantity, meaning, below, numbers)
+    if choice == _UnitChoice("%", "cells") and _percent_by_sign(name, table):
+        choice = _UnitChoice("-", "cells, those with % in percent")
     doubt = _doubt(name, meaning, style, choice)
     if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
         doubt = _unusual_unit_doubt(name, table)
@@ -377,12 +385,40 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         if choice.why == "range":
             doubt = _stroke_doubt(name, numbers.values)
         doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
+    if of_file:
+        choice = choice._replace(why=f"name of the file, {choice.why}")
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
     candidate = _Candidate(
         name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
     )
     return candidate, ""
+
+
+def _percent_by_sign(name: str, table: RawTable) -> bool:
+    """Return whether only the cells with a sign are in percent, and the others are fractions."""
+    cells = table.columns[name]
+    plain = [index for index, cell in enumerate(cells) if not cell.endswith("%")]
+    values = table.numbers(name).values[plain]
+    known = values[np.isfinite(values)]
+    return bool(len(known) and np.max(np.abs(known)) <= _LARGEST_FRACTION)
+
+
+def _is_value_of_map(name: str, table: RawTable) -> bool:
+    """Return whether a column without a name holds the efficiency that the file is named for.
+
+    That is so in a map of one quantity over two axes: the other two columns name a speed and a
+    torque, and the last one has no name.
+    """
+    measured = []
+    for other, cells in table.columns.items():
+        if set(cells) != {other}:  # a number for all rows is no column of the file
+            measured.append(other)
+    if name not in table.without_name or len(measured) != 3 or measured[-1] != name:
+        return False
+    kinds = {meaning_of(other, table.units.get(other, "")).kind for other in measured}
+    of_axes = {"speed", "torque"} <= kinds
+    return of_axes and file_says_efficiency(Path(table.source).stem)
 
 
 def _no_numbers(name: str, quantity: str, table: RawTable) -> str:

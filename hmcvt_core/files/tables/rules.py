@@ -647,6 +647,15 @@ def names_quantity(cell: str) -> str:
     return meaning.quantity if meaning.quantity else ""
 
 
+def file_says_efficiency(name: str) -> bool:
+    """Return whether the name of a file or sheet says that it holds efficiencies."""
+    words = {word.lower() for word in _tokens(name)}
+    return not words.isdisjoint(_EFFICIENCY_OF_FILES)
+
+
+_EFFICIENCY_OF_FILES = frozenset(
+    {"efficiency", "efficiencies", "eff", "eta", "wirkungsgrad", "\u6548\u7387"}
+)
 _UNIT_BENCH = (
     ("volumetric_efficiency", "efficiency", "volumetric volumetrisch vol volumetrique"),
     (
