@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Array
 from .bench import BenchSamples, column_name
-from .recordings import cut, is_recording, looks_recorded, powers
+from .recordings import cut, evenly_swept, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
 from .tables.no_tests import confirmed_torque, rows_without_test
@@ -246,12 +246,12 @@ def import_table(
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
     values = _all_values(columns, table)
+    notes = [*proposal.notes, *proposal.assumed]
     if not averaged:
         if "stamp" not in values:
-            _refuse_recording(table, values)
+            notes += _refuse_recording(table, values)
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
-    notes = [*proposal.notes, *proposal.assumed]
     notes += _drop_empty(values, columns, table)
     stated = dict(values)
     into, out = powers(values)
@@ -565,7 +565,12 @@ def _drop_empty(
     return notes
 
 
-def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
+def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> list[str]:
+    """Return a note where rows as alike as those of a recording are tests.
+
+    Raises:
+        InputError: the rows are those of a recording, or look like it.
+    """
     for name in table.columns:
         meaning = meaning_of(name, table.units.get(name, ""))
         if meaning.kind != "time":
@@ -579,12 +584,19 @@ def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
                 f"{table.source}: column {name!r} looks like that of a recording: "
                 "name it by --stamp, or give --averaged"
             )
-    if looks_recorded(values):
+    recorded = looks_recorded(values)
+    swept = evenly_swept(values) if recorded else ""
+    if recorded and not swept:
         raise InputError(
             f"{table.source}: its {len(table.rows)} rows change as little from one to the "
             "next as a recording does: name the column of its time by --stamp, or give "
             "--averaged if each row is a steady test"
         )
+    if swept:
+        return [
+            f"each row is a test, not a reading in time: {swept} goes in equal steps"
+        ]
+    return []
 
 
 def _from_recording(

@@ -94,13 +94,11 @@ def is_smooth(values: Mapping[str, Array]) -> bool:
 def looks_recorded(values: Mapping[str, Array]) -> bool:
     """Return whether rows without a time are so many and so alike that they are a recording."""
     rows = min(len(column) for column in values.values())
-    if rows < _RECORDED or not is_smooth(values):
-        return False
-    return not (is_grid(values) or is_even_sweep(values))
+    return rows >= _RECORDED and is_smooth(values) and not is_grid(values)
 
 
-def is_even_sweep(values: Mapping[str, Array]) -> bool:
-    """Return whether a quantity of the shafts is set in equal steps, as in a computed curve.
+def evenly_swept(values: Mapping[str, Array]) -> str:
+    """Return the quantity of a shaft that goes in equal steps, as in a computed curve, or `""`.
 
     Readings of a meter never differ by the same amount from row to row, to the last digit. The
     step to an end of the range may differ.
@@ -113,8 +111,8 @@ def is_even_sweep(values: Mapping[str, Array]) -> bool:
             continue
         step = float(np.median(steps))
         if step != 0.0 and np.all(np.abs(steps - step) <= _SAME_STEP * abs(step)):
-            return True
-    return False
+            return name
+    return ""
 
 
 _SET = ("engine_speed", "output_speed", "engine_torque", "output_torque", "load_torque")

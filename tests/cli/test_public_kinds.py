@@ -367,6 +367,7 @@ def test_a_computed_curve_with_powers(hmcvt, tmp_path):
     text = f"{CURVE}\n" + lines(curve_rows())
     done, found = imported(hmcvt, tmp_path, text.encode("cp1252"), *ONE)
     assert done.code == 0 and "agrees with the load torque" in done.out, done
+    assert "engine_speed goes in equal steps" in done.out, done
     used = [row for row in curve_rows() if row[0] * RPM > 10 and row[1] >= 1.0]
     speed, torque, _, _, efficiency = np.transpose(used)
     np.testing.assert_allclose(found.engine_speed, speed * RPM)
@@ -440,6 +441,17 @@ def test_the_names_of_a_matrix_as_given(hmcvt, tmp_path):
     assert done.code == 2 and "three names" in done.err, done
     done, _ = imported(hmcvt, tmp_path, HEAD + "\n" + lines(ROWS), *names)
     assert done.code == 2 and "no sheet holds a matrix" in done.err, done
+
+
+def test_numbers_in_a_header_that_the_user_names(hmcvt, tmp_path):
+    numbers = "test,11,12,13,14\n" + lines(
+        [(i + 1, *row) for i, row in enumerate(ROWS)]
+    )
+    named = ("--displacement-ratio", "11:%", "--engine-speed", "12:rpm")
+    named += ("--load-torque", "13", "--efficiency", "14:%")
+    done, found = imported(hmcvt, tmp_path, numbers, *named)
+    assert done.code == 0, done
+    agrees(found)
 
 
 def test_axes_that_may_be_exchanged_are_asked(hmcvt, tmp_path):

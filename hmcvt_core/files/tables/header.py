@@ -166,7 +166,7 @@ def read_table(
         sheets = [Sheet("", split_rows(text, separator, source))]
     described = ""
     if matrix or (not header and header_row is None):
-        sheets, described = with_points(sheets, matrix, source)
+        sheets, described = with_points(sheets, matrix, names, source)
     chosen, top, names_of_columns = _best_sheet(
         sheets, names, header_row, header, source
     )

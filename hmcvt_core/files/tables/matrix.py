@@ -7,7 +7,7 @@ workbook over the same axes make one table.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -32,6 +32,8 @@ _LARGEST = {"speed": (60.0, 2000.0), "torque": (3.0, 5000.0)}
 """Range of the largest value of an axis [rad/s, N m]: below the idle of no engine, and up to the
 fastest electric machine or the largest load torque of a bench."""
 
+_CONSTANTS = frozenset({"0", "1"})
+"""Usual numbers for all rows, which name no column."""
 _OPEN = (
     "holds a matrix, as of a map over two axes, and nothing says for sure what its rows, "
     "columns and cells are: write one row for each of its points, or name all three, as in "
@@ -62,13 +64,17 @@ class _Matrix:
 
 
 def with_points(
-    sheets: Sequence[Sheet], names: Sequence[str], source: str
+    sheets: Sequence[Sheet],
+    names: Sequence[str],
+    columns: Collection[str],
+    source: str,
 ) -> tuple[list[Sheet], str]:
     """Return the sheets with matrices as rows of points, and what was read so; `""` for none.
 
     Args:
         sheets: of a spreadsheet, or the rows of a text as one sheet.
         names: of the row axis, the column axis and the cells, where the user gives them.
+        columns: that the user named; a header of numbers may name columns, too.
         source: name of the file.
 
     Raises:
@@ -85,7 +91,11 @@ def with_points(
         matrix = _matrix(sheet)
         if matrix is not None:
             matrix = _named(matrix, names, source)
-            if matrix is None and len(sheets) == 1:
+            if (
+                matrix is None
+                and len(sheets) == 1
+                and not _names_column(sheet, columns)
+            ):
                 raise InputError(f"{source}: {_OPEN}")
         if matrix is None:
             others.append(sheet)
@@ -101,6 +111,12 @@ def with_points(
         points.append(sheet)
         described.append(text)
     return [*points, *others], "; ".join(described)
+
+
+def _names_column(sheet: Sheet, columns: Collection[str]) -> bool:
+    """Return whether the user named a column of a sheet."""
+    named = set(columns) - _CONSTANTS
+    return any(not named.isdisjoint(row) for row in sheet.rows)
 
 
 def _axes(matrix: _Matrix) -> tuple[tuple[str, ...], ...]:

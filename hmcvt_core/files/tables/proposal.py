@@ -410,11 +410,13 @@ def _is_value_of_map(name: str, table: RawTable) -> bool:
     That is so in a map of one quantity over two axes: the other two columns name a speed and a
     torque, and the last one has no name.
     """
+    if name not in table.without_name:
+        return False
     measured = []
     for other, cells in table.columns.items():
         if set(cells) != {other}:  # a number for all rows is no column of the file
             measured.append(other)
-    if name not in table.without_name or len(measured) != 3 or measured[-1] != name:
+    if len(measured) != 3 or measured[-1] != name:
         return False
     kinds = {meaning_of(other, table.units.get(other, "")).kind for other in measured}
     of_axes = {"speed", "torque"} <= kinds
