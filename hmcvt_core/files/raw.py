@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InputError
 from ..transmission.ranges import BENCH_COLUMNS, Array
 from .bench import BenchSamples, column_name
-from .recordings import cut, evenly_swept, is_recording, looks_recorded, powers
+from .recordings import cut, even_columns, is_recording, looks_recorded, powers
 from .tables.checks import contradictions, implausible, suspect_efficiency
 from .tables.header import RawTable, read_table
 from .tables.no_tests import confirmed_torque, rows_without_test
@@ -58,6 +58,8 @@ _COMPUTED = (
 )
 _LOSS_NOTE = "load torque = engine torque - torque loss, both at the input shaft"
 _PERCENT = "%"
+_FEWEST_EVEN = 2
+"""Columns in equal steps from which a table is a computed curve and no recording."""
 _FEWEST_MATRIX_COLUMNS = 3
 """Numbers in a header from which it is that of a matrix."""
 _MOST_SHOWN = 20  # rows or names in one message
@@ -585,17 +587,16 @@ def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> list[str]
                 "name it by --stamp, or give --averaged"
             )
     recorded = looks_recorded(values)
-    swept = evenly_swept(values) if recorded else ""
-    if recorded and not swept:
+    even = even_columns(table) if recorded else []
+    if recorded and len(even) < _FEWEST_EVEN:
         raise InputError(
             f"{table.source}: its {len(table.rows)} rows change as little from one to the "
             "next as a recording does: name the column of its time by --stamp, or give "
             "--averaged if each row is a steady test"
         )
-    if swept:
-        return [
-            f"each row is a test, not a reading in time: {swept} goes in equal steps"
-        ]
+    if recorded:
+        listed = ", ".join(map(repr, even[:_MOST_SHOWN]))
+        return [f"each row is a test, not a reading: {listed} go in equal steps"]
     return []
 
 

@@ -22,6 +22,8 @@ from .steady import (
     split_at_gaps,
     steady_tests,
 )
+from .tables.header import RawTable
+from .tables.numbers import last_digit
 from .tables.proposal import RANGES
 
 _RECORDED = 100
@@ -97,27 +99,32 @@ def looks_recorded(values: Mapping[str, Array]) -> bool:
     return rows >= _RECORDED and is_smooth(values) and not is_grid(values)
 
 
-def evenly_swept(values: Mapping[str, Array]) -> str:
-    """Return the quantity of a shaft that goes in equal steps, as in a computed curve, or `""`.
+def even_columns(table: RawTable) -> list[str]:
+    """Return the columns that go in equal steps to the last digit, as in a computed curve.
 
-    Readings of a meter never differ by the same amount from row to row, to the last digit. The
-    step to an end of the range may differ.
+    Readings of meters do not. The step to an end of the range may differ, and a number that only
+    counts the rows is left aside.
     """
-    for name in _SET:
-        if name not in values:
+    names = []
+    for name, cells in table.columns.items():
+        values = table.numbers(name).values[1:-1]
+        if len(values) < _RECORDED - 2 or not np.all(np.isfinite(values)):
             continue
-        steps = np.diff(values[name])[1:-1]
-        if not len(steps) or not np.all(np.isfinite(steps)):
-            continue
-        step = float(np.median(steps))
-        if step != 0.0 and np.all(np.abs(steps - step) <= _SAME_STEP * abs(step)):
-            return name
-    return ""
+        step = (values[-1] - values[0]) / (len(values) - 1)
+        comma = table.styles[name].comma
+        digit = max(last_digit(cell, comma) for cell in cells[:_FORMATTED])
+        line = values[0] + step * np.arange(len(values))
+        is_count = abs(step) == 1.0
+        is_even = np.all(np.abs(values - line) <= digit)
+        if is_even and abs(step) > _LEAST_STEP * digit and not is_count:
+            names.append(name)
+    return names
 
 
-_SET = ("engine_speed", "output_speed", "engine_torque", "output_torque", "load_torque")
-_SAME_STEP = 1e-6
-"""Part by which equal steps differ at most, by rounding of floating point."""
+_FORMATTED = 20
+"""Cells by which the last digit of a column is judged."""
+_LEAST_STEP = 2.0
+"""Last digits that an even step has at least: rounding hides the noise of smaller ones."""
 
 
 def is_grid(values: Mapping[str, Array]) -> bool:

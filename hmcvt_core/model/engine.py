@@ -175,8 +175,11 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
 
 
 def _plain(cell: str) -> str:
-    """Return a cell of a header without the mark `c` of a comment, as VECTO writes it."""
-    return re.sub(r"^c\s+(?=\S)", "", cell.strip())
+    """Return a cell of a header without a mark of the program that wrote it.
+
+    VECTO begins its comments with `c`, ADVISOR the names of the engine (fuel converter) with `fc_`.
+    """
+    return re.sub(r"^(c\s+|fc_)(?=\S)", "", cell.strip())
 
 
 def _with_row_of_units(cells: Table) -> Table:

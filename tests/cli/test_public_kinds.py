@@ -367,12 +367,30 @@ def test_a_computed_curve_with_powers(hmcvt, tmp_path):
     text = f"{CURVE}\n" + lines(curve_rows())
     done, found = imported(hmcvt, tmp_path, text.encode("cp1252"), *ONE)
     assert done.code == 0 and "agrees with the load torque" in done.out, done
-    assert "engine_speed goes in equal steps" in done.out, done
+    assert "go in equal steps" in done.out, done
     used = [row for row in curve_rows() if row[0] * RPM > 10 and row[1] >= 1.0]
     speed, torque, _, _, efficiency = np.transpose(used)
     np.testing.assert_allclose(found.engine_speed, speed * RPM)
     np.testing.assert_allclose(found.load_torque, torque, rtol=1e-4)
     np.testing.assert_allclose(found.efficiency, efficiency / 100.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 6.0])
+def test_a_curve_in_steps_that_are_rounded(hmcvt, tmp_path, noise):
+    """Speeds and torques in whole numbers; with the noise of a meter it may be a ramp."""
+    scatter = noise * np.random.default_rng(5).standard_normal(120)
+    rows = []
+    for step in range(120):
+        n = round(400.0 + 18.7 * step + scatter[step])
+        torque = round(900.0 - 6.37 * step + scatter[step])
+        rows.append((n, torque, round(85.0 + 0.05 * step, 2)))
+    text = "Speed [rpm],Torque [Nm],Efficiency [%]\n" + lines(rows)
+    done, found = imported(hmcvt, tmp_path, text, *ONE)
+    if noise:
+        assert done.code == 2 and "--averaged" in done.err, done
+    else:
+        assert done.code == 0 and "go in equal steps" in done.out, done
+        agrees(found, [(100, *row) for row in rows])
 
 
 def test_small_torques_that_nothing_confirms_are_suspected(hmcvt, tmp_path):
@@ -583,6 +601,7 @@ def engine_table(head, more=()):
         "engine speed [rpm],torque [Nm],fuel consumption [g/h]",
         "rpm [1/min],engine torque [Nm],FC [g/h]",
         "Drehzahl [1/min],Drehmoment [Nm],Verbrauch [g/h]",
+        "fc_spd_RPM,fc_trq_Nm,fc_fuel_g_h",
     ],
 )
 def test_an_engine_map_under_other_names(tmp_path, head):
