@@ -133,8 +133,8 @@ def choose_columns(
         )
     bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
-    header = names.split(",") if names else []
-    axes = matrix.split(",") if matrix else []
+    header = _listed_names(names)
+    axes = _listed_names(matrix)
     table = read_table(path, bare, header_row, sheet, decimal, header, axes)
     if not set(bare) <= table.columns.keys():
         # A number for all rows does not show which row is the header.
@@ -155,6 +155,11 @@ def choose_columns(
         proposal = propose(table, named, averaged)
     assumed = _assumed_units(proposal.columns, columns, table)
     return table, replace(proposal, assumed=tuple(assumed))
+
+
+def _listed_names(text: str | None) -> list[str]:
+    """Return names that are separated by commas; none without a text."""
+    return text.split(",") if text else []
 
 
 def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
@@ -261,36 +266,86 @@ def import_table(
     values.setdefault("efficiency", out / into)
     if "torque_loss" in columns:
         notes.append(_LOSS_NOTE)
-    no_tests = _rows_by_number(rows_without_test(values, columns, table), table)
-    bad = _bad_rows(values, columns, table, no_tests.keys())
+    rows = _sorted_rows(values, columns, table)
     if not unchecked:
-        bad = _odd_rows(values, "stage" in proposal.columns, table) | bad
-    doubtful = {row: bad[row] for row in sorted(bad) if row not in no_tests}
-    excluded = doubtful.keys() | no_tests.keys()
-    kept = [index for index, row in enumerate(table.rows) if row not in excluded]
-    if doubtful and not (skip_bad and kept):
-        raise InputError(f"{table.source}: {_rows_message(_row_lines(doubtful))}")
-    if not kept:
-        raise InputError(
-            f"{table.source}: no row holds a test: {'; '.join(_grouped_lines(no_tests))}"
-        )
-    left_out = (*_row_lines(doubtful), *_grouped_lines(no_tests))
-    taken = _rows(values, kept)
+        odd = _odd_rows(values, "stage" in proposal.columns, table)
+        rows = rows.without(odd, table)
+    _require_tests(rows, skip_bad, table)
+    taken = _rows(values, rows.kept)
     if not unchecked:
-        spares = _rows(_all_values(proposal.spares, table), kept)
+        spares = _rows(_all_values(proposal.spares, table), rows.kept)
         confirmed = confirmed_torque(values, columns, table)
-        sure: tuple[str, ...] = ()
+        sure: list[str] = []
         if confirmed is not None and confirmed.in_all_rows:
-            sure = ("load_torque",)
+            sure.append("load_torque")
             notes.append(
                 f"column {confirmed.name!r} agrees with the load torque by power and speed"
             )
-        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table, sure)
+        _refuse_contradictions(
+            _rows(stated, rows.kept), spares, taken, columns, table, sure
+        )
     note = shafts_note(taken, columns)
     if note:
         notes.append(note)
-    samples = _bench(taken, extra, kept, table)
-    return Imported(samples, left_out, tuple(notes), len(doubtful))
+    samples = _bench(taken, extra, rows.kept, table)
+    return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
+
+
+class _SortedRows(NamedTuple):
+    """Rows of a table by what becomes of them.
+
+    Attributes:
+        kept: positions of the rows that are tests.
+        doubtful: rows that cannot be used, by number, each with the reason; they may be tests.
+        no_tests: rows that hold no test beyond doubt.
+    """
+
+    kept: list[int]
+    doubtful: dict[int, str]
+    no_tests: dict[int, str]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return one line for each doubtful row, and one for each reason of the others."""
+        return (*_row_lines(self.doubtful), *_grouped_lines(self.no_tests))
+
+    def without(self, odd: Mapping[int, str], table: RawTable) -> "_SortedRows":
+        """Return the same with further doubtful rows, where nothing is wrong with them yet."""
+        further = {row: why for row, why in odd.items() if row not in self.no_tests}
+        doubtful = {**further, **self.doubtful}
+        kept = [index for index in self.kept if table.rows[index] not in doubtful]
+        ordered = {row: doubtful[row] for row in sorted(doubtful)}
+        return _SortedRows(kept, ordered, self.no_tests)
+
+
+def _sorted_rows(
+    values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
+) -> _SortedRows:
+    """Return the rows that are tests, those that may be none, and those that are none.
+
+    Args:
+        values: SI values by quantity, measured and computed, shape (n,) each.
+        columns: where the measured ones stand.
+        table: as text.
+    """
+    no_tests = _rows_by_number(rows_without_test(values, columns, table), table)
+    bad = _bad_rows(values, columns, table, no_tests.keys())
+    doubtful = {row: bad[row] for row in sorted(bad) if row not in no_tests}
+    kept = []
+    for index, row in enumerate(table.rows):
+        if row not in doubtful and row not in no_tests:
+            kept.append(index)
+    return _SortedRows(kept, doubtful, no_tests)
+
+
+def _require_tests(rows: _SortedRows, skip_bad: bool, table: RawTable) -> None:
+    """Raise an `InputError` that names doubtful rows, or that says why no row is a test."""
+    if rows.doubtful and not (skip_bad and rows.kept):
+        message = _rows_message(_row_lines(rows.doubtful))
+        raise InputError(f"{table.source}: {message}")
+    if not rows.kept:
+        reasons = "; ".join(_grouped_lines(rows.no_tests))
+        raise InputError(f"{table.source}: no row holds a test: {reasons}")
 
 
 def _rows_by_number(reasons: Mapping[int, str], table: RawTable) -> dict[int, str]:

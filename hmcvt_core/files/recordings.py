@@ -112,7 +112,8 @@ def even_columns(table: RawTable) -> list[str]:
             continue
         step = (values[-1] - values[0]) / (len(values) - 1)
         comma = table.styles[name].comma
-        digit = max(last_digit(cell, comma) for cell in cells[:_FORMATTED])
+        # Cells may be written without zeros at their end, so that the finest one tells.
+        digit = min(last_digit(cell, comma) for cell in cells[1:_FORMATTED])
         line = values[0] + step * np.arange(len(values))
         is_count = abs(step) == 1.0
         is_even = np.all(np.abs(values - line) <= digit)

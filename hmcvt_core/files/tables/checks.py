@@ -220,7 +220,7 @@ def _mixed_units(
             f"oil_temperature is at least {np.nanmin(oil):.4g} deg C: is it in deg F?"
         )
     column = columns.get("efficiency")
-    if column is not None and column.why == "range":
+    if column is not None and column.why.endswith("range"):
         middle = float(np.nanmedian(values["efficiency"]))
         if middle < _LEAST_EFFICIENCY:
             problems.append(

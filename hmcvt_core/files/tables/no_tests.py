@@ -47,6 +47,8 @@ def rows_without_test(
         columns: where the measured ones stand.
         table: as text.
     """
+    if not table.rows:
+        return {}
     confirmed = confirmed_torque(values, columns, table)
     if confirmed is not None and confirmed.in_all_rows:
         values = {**values, "load_torque": confirmed.torque}

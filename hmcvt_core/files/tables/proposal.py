@@ -371,28 +371,33 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         return _Candidate(name, quantity, "", "name", _rank(True, meaning, True)), ""
     if quantity == "stamp":
         return _time_candidate(name, meaning, table)
-    style = table.styles[name]
-    numbers = table.numbers(name)
-    if finite_share(numbers.values) == 0.0:
+    if finite_share(table.numbers(name).values) == 0.0:
         return None, _no_numbers(name, quantity, table)
-    choice = _unit(quantity, meaning, below, numbers)
+    candidate = _candidate_of_numbers(name, meaning, table)
+    if of_file:
+        candidate = candidate._replace(why=f"name of the file, {candidate.why}")
+    return candidate, ""
+
+
+def _candidate_of_numbers(name: str, meaning: Meaning, table: RawTable) -> _Candidate:
+    """Return what a column of numbers may hold, with its unit and the doubt about it."""
+    quantity = meaning.quantity
+    numbers = table.numbers(name)
+    choice = _unit(quantity, meaning, table.units.get(name, ""), numbers)
     if choice == _UnitChoice("%", "cells") and _percent_by_sign(name, table):
         choice = _UnitChoice("-", "cells, those with % in percent")
-    doubt = _doubt(name, meaning, style, choice)
+    doubt = _doubt(name, meaning, table.styles[name], choice)
     if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
         doubt = _unusual_unit_doubt(name, table)
     if quantity == "displacement_ratio" and not doubt:
         if choice.why == "range":
             doubt = _stroke_doubt(name, numbers.values)
         doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
-    if of_file:
-        choice = choice._replace(why=f"name of the file, {choice.why}")
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
-    candidate = _Candidate(
+    return _Candidate(
         name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
     )
-    return candidate, ""
 
 
 def _percent_by_sign(name: str, table: RawTable) -> bool:
