@@ -277,7 +277,7 @@ def import_table(
         confirmed = confirmed_torque(values, columns, table)
         sure: list[str] = []
         if confirmed is not None and confirmed.in_all_rows:
-            sure.append("load_torque")
+            sure += ["load_torque", "engine_speed"]
             notes.append(
                 f"column {confirmed.name!r} agrees with the load torque by power and speed"
             )
