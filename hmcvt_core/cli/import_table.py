@@ -24,6 +24,7 @@ _TEXTS = {
     "engine_torque": "With output torque and speed it gives the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
+    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
     "efficiency_std": "Standard deviation of the efficiency.",
     "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
     "pressure": "Over the motor, high minus low side.",
@@ -80,6 +81,12 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
     help="Names of all columns with their units, for a table without a header, as "
     "'n_engine [rpm],M_engine [Nm],eta [%]'.",
 )
+@click.option(
+    "--matrix",
+    metavar="ROWS,COLUMNS,CELLS",
+    help="Names of both axes and of the cells of a map that is a matrix, as "
+    "'engine speed [rpm],load torque [Nm],efficiency [%]'.",
+)
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option(
     "--decimal",
@@ -116,6 +123,7 @@ def command(
     out: str,
     header_row: int | None,
     names: str | None,
+    matrix: str | None,
     sheet: str | None,
     decimal: str | None,
     mapping: str | None,
@@ -141,6 +149,7 @@ def command(
         "sheet": sheet,
         "decimal": decimal,
         "names": names,
+        "matrix": matrix,
     }
     named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
@@ -276,6 +285,8 @@ def _source_line(table: RawTable) -> str:
     if table.units:
         units = " and a row of units"
     header = f"header in row {table.header_row}{units}"
+    if table.matrix:
+        return f"{table.source}{sheet}: {table.matrix}"
     if table.header_row == 0:
         header = "names of the columns as given"
     return (
@@ -322,7 +333,7 @@ def _preview(imported: Imported) -> list[str]:
         lines.append(f"without {line}")
     lines += imported.notes
     skip = ""
-    if imported.left_out:
+    if imported.doubtful:
         skip = "; --skip-bad leaves the rows above out"
     lines.append(
         f"{len(imported.samples)} bench samples would be written; --yes takes the "

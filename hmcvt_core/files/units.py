@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Array, Range
 from .table import Table, read_plain
-from .tables.agreement import NEEDED, agreeing_units
+from .tables.agreement import NEEDED, agree, agreeing_units
 from .tables.rules import unit_bench_meaning
 from .tables.units import holds_units, to_si, unit_of
 
@@ -231,6 +231,11 @@ def read_unit(
     given = {cell.strip().lower() for cell in cells.columns.get("kind", [])}
     if kind is not None:
         given.add(kind)
+    concluded = []
+    if not given:
+        concluded = _kinds_that_agree(cells, units)
+    if len(concluded) == 1:
+        given.update(concluded)
     if len(given) != 1 or not given <= set(KINDS):
         stated = " and ".join(sorted(given)) or "missing"
         raise InputError(
@@ -238,6 +243,10 @@ def read_unit(
             "in a column or by --kind"
         )
     notes = _take_agreeing_units(cells, units, sign_of(next(iter(given))))
+    if concluded:
+        notes.append(
+            f"taken as a {concluded[0]}: only so flow and torque agree with the efficiencies"
+        )
     if displacement is not None:
         cells = _with_stroke(cells, units, displacement)
     values = _numbers(cells, units)
@@ -292,6 +301,28 @@ def _take_agreeing_units(cells: Table, units: dict[str, str], sign: float) -> li
         f"no column states its unit; flow and torque agree with the efficiencies only with "
         f"{listed}"
     ]
+
+
+def _kinds_that_agree(cells: Table, units: Mapping[str, str]) -> list[str]:
+    """Return the kinds of unit for which flow and torque agree with the efficiencies.
+
+    Args:
+        cells: of the table; empty where a quantity of both is missing.
+        units: of its columns, `""` where none is stated.
+    """
+    if not set(NEEDED) <= cells.columns.keys():
+        return []
+    kinds = []
+    for kind in KINDS:
+        if any(units.get(name) for name in NEEDED):
+            values = {name: _in_si(name, cells, units) for name in NEEDED}
+            agreeing = agree(values, sign_of(kind), _AGREEMENT)
+        else:
+            readings = {name: cells.numbers(name) for name in NEEDED}
+            agreeing = bool(agreeing_units(readings, sign_of(kind), _AGREEMENT))
+        if agreeing:
+            kinds.append(kind)
+    return kinds
 
 
 def _with_stroke(cells: Table, units: dict[str, str], displacement: str) -> Table:

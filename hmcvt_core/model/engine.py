@@ -17,19 +17,22 @@ from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
 from ..files.tables.rules import meaning_of
+from ..files.tables.units import holds_units
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
 SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
+_SPECIFIC_UNIT = "g/kWh"
 _UNITS = {
     "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
     "torque": {"N m": 1.0, "Nm": 1.0},
     "fuel": {
         "kg/s": 1.0,
+        "g/s": 1e-3,
         "g/h": 1e-3 / 3600.0,
         "kg/h": 1.0 / 3600.0,
-        "g/kWh": 1e-3 / 3.6e6,
+        _SPECIFIC_UNIT: 1e-3 / 3.6e6,
     },
 }
 _MEANINGS = {
@@ -135,21 +138,23 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     """Read an engine: a table, or a YAML file that names one in its folder (`params/engine.yaml`).
 
     The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
-    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. Other names are taken where each says
-    all, as `fuel consumption [g/h]`. At every speed the highest torque is that of full load. Below
-    the lowest the fuel goes on as a straight line (Willans). Rows in which the engine is driven
-    (torque below zero) are not used.
+    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/s, g/h or g/kWh. Other names are taken where each
+    says all, as `fuel consumption [g/h]` or `bsfc_g_per_kWh`, and units in a row below the names.
+    At every speed the highest torque is that of full load. Below the lowest the fuel goes on as a
+    straight line (Willans). Rows in which the engine is driven (torque below zero) are not used.
 
     Raises:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
     require_path(path, "path", "an engine file")
-    cells = _driving(read_plain(_table_of(path)))
-    speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
+    cells = _driving(_with_row_of_units(read_plain(_table_of(path), name_of=_plain)))
+    speed, _ = _column(cells, "engine_speed")
+    torque, _ = _column(cells, "torque")
+    fuel, unit = _column(cells, "fuel")
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
-    if any("g/kWh" in column for column in cells.columns):
+    if unit == _SPECIFIC_UNIT:
         fuel = fuel * speed * torque
     speeds = np.unique(speed)
     if len(speeds) < 2:
@@ -169,14 +174,40 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     return Engine(speeds, full_load, load, np.array(grid))
 
 
+def _plain(cell: str) -> str:
+    """Return a cell of a header without a mark of the program that wrote it.
+
+    VECTO begins its comments with `c`, ADVISOR the names of the engine (fuel converter) with `fc_`.
+    """
+    return re.sub(r"^(c\s+|fc_)(?=\S)", "", cell.strip())
+
+
+def _with_row_of_units(cells: Table) -> Table:
+    """Return the table with a row of units below the names as part of the names."""
+    if not cells.rows:
+        return cells
+    below = {name: _plain(column[0]) for name, column in cells.columns.items()}
+    if not holds_units(list(below.values())):
+        return cells
+    columns = {}
+    for name, column in cells.columns.items():
+        unit = below[name].strip("[]()")
+        columns[f"{name} [{unit}]"] = column[1:]
+    return replace(cells, columns=columns, rows=cells.rows[1:])
+
+
 def _driving(cells: Table) -> Table:
-    """Return the rows in which the engine drives; below zero torque it uses no fuel.
+    """Return the rows in which the engine drives, and whose fuel is known.
 
     Raises:
         InputError: in no row the torque is positive.
     """
-    torque = _column(cells, "torque")
-    kept = np.flatnonzero(torque >= 0.0).tolist()
+    torque, _ = _column(cells, "torque")
+    _, unit = _column(cells, "fuel")
+    used = torque >= 0.0
+    if unit == _SPECIFIC_UNIT:
+        used = torque > 0.0  # no power, so that fuel per energy says nothing there
+    kept = np.flatnonzero(used).tolist()
     if not np.any(torque > 0.0):
         raise InputError(f"{cells.source}: no torque is positive")
     columns = {}
@@ -226,8 +257,12 @@ def _willans_line(
     return torques, rates
 
 
-def _column(cells: Table, quantity: str) -> Array:
-    """Numbers of a column of a quantity with its unit in SI; g/kWh as kg/J."""
+def _column(cells: Table, quantity: str) -> tuple[Array, str]:
+    """Return a column of a quantity with its unit in SI, and the unit; g/kWh as kg/J.
+
+    Raises:
+        InputError: the column is missing, two name the quantity, or the unit is not known.
+    """
     for column in cells.columns:
         match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
         if match is not None:
@@ -239,23 +274,36 @@ def _column(cells: Table, quantity: str) -> Array:
             f"one {quantity} [unit]"
         )
     for column in named:
-        match = re.search(r"[\[(]([^\[(]*)[\])]\s*$", column)
-        if match is not None:
-            return _in_si(cells, column, match[1].strip(), quantity)
+        unit = _stated_unit(column, quantity)
+        if unit:
+            return _in_si(cells, column, unit, quantity)
     raise InputError(
         f"{cells.source}: column {quantity} [unit] is missing; there is "
         f"{', '.join(cells.columns)}"
     )
 
 
-def _in_si(cells: Table, column: str, unit: str, quantity: str) -> Array:
-    """Return a column in SI; `unit` is what its name states."""
+def _stated_unit(column: str, quantity: str) -> str:
+    """Return the unit in brackets or at the end of a name, as in `bsfc_g_per_kWh`; else `""`."""
+    match = re.search(r"[\[(]([^\[(]*)[\])]\s*$", column)
+    if match is not None:
+        return match[1].strip()
+    for unit in _UNITS[quantity]:
+        for written in (unit, unit.replace("/", "_per_"), unit.replace("/", "_")):
+            ending = written.replace(" ", "_")
+            if re.search(rf"[_ ]{re.escape(ending)}$", column, re.IGNORECASE):
+                return unit
+    return ""
+
+
+def _in_si(cells: Table, column: str, unit: str, quantity: str) -> tuple[Array, str]:
+    """Return a column in SI, and the unit that its name states."""
     if unit not in _UNITS[quantity]:
         raise InputError(
             f"{cells.source}: {unit!r} is no unit of {quantity}; there is "
             f"{', '.join(_UNITS[quantity])}"
         )
-    return cells.numbers(column) * _UNITS[quantity][unit]
+    return cells.numbers(column) * _UNITS[quantity][unit], unit
 
 
 def _names(column: str, quantity: str) -> bool:

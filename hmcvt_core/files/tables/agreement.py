@@ -50,7 +50,7 @@ def agreeing_units(
         for name, kind in NEEDED.items():
             size, zero = to_si(kind, units[kind])
             values[name] = size * (readings[name] - zero)
-        if _agree(values, sign, tolerance):
+        if agree(values, sign, tolerance):
             found.append(units)
     return found
 
@@ -61,7 +61,7 @@ def _sets_of_units() -> Iterator[dict[str, str]]:
         yield dict(zip(_CANDIDATES, chosen, strict=True))
 
 
-def _agree(values: Mapping[str, Array], sign: float, tolerance: float) -> bool:
+def agree(values: Mapping[str, Array], sign: float, tolerance: float) -> bool:
     """Return whether flow and torque follow from the other values.
 
     Args:

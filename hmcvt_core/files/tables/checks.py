@@ -5,7 +5,7 @@ A value in the wrong unit is off by a known factor. Where two routes lead to one
 ratio shows it; elsewhere only sizes that no tractor transmission has are refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -44,6 +44,8 @@ _LEAST_ENGINE_SPEED = 60.0
 turns per second stay below it."""
 _WIDEST_STEP = 3.0
 """Factor between neighbouring engine speeds of a bench; between r/min and rad/s it is larger."""
+_EVEN = 1.01
+"""Part of the usual step that a step of a grid has at most."""
 _FRACTION = 0.0105
 """Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
 _FEWEST_IN_BLOCK = 3
@@ -103,6 +105,9 @@ def _load_torques(values: Mapping[str, Array]) -> dict[str, Array]:
     ways = {}
     if "load_torque" in values:
         ways["load_torque"] = values["load_torque"]
+    if "engine_torque" in values and "torque_loss" in values:
+        remaining = values["engine_torque"] - values["torque_loss"]
+        ways["engine_torque - torque_loss"] = remaining
     if "output_torque" in values and "output_speed" in values:
         power = values["output_torque"] * values["output_speed"]
         ways["output_torque x output_speed"] = power / speed
@@ -146,13 +151,16 @@ def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:
 
 
 def implausible(
-    values: Mapping[str, Array], columns: Mapping[str, Column]
+    values: Mapping[str, Array],
+    columns: Mapping[str, Column],
+    confirmed: Collection[str] = (),
 ) -> list[str]:
     """Return which columns hold values so small that their unit must be another.
 
     Args:
         values: SI values by quantity, shape (n,) each.
         columns: where they stand.
+        confirmed: quantities whose size another column confirms.
     """
     limits = (
         ("displacement_ratio", _LEAST_STROKE, "is it a fraction, not percent?"),
@@ -171,6 +179,8 @@ def implausible(
     problems += _mixed_units(values, columns)
     for quantity, least, hint in limits:
         if quantity not in values or len(values[quantity]) < 3:
+            continue
+        if quantity in confirmed:
             continue
         largest = float(np.nanmax(np.abs(values[quantity]), initial=0.0))
         if 0.0 < largest < least:
@@ -198,7 +208,7 @@ def _mixed_units(
     if len(speeds) > 1:
         steps = speeds[1:] / speeds[:-1]
         widest = int(np.argmax(steps))
-        if steps[widest] > _WIDEST_STEP:
+        if steps[widest] > _WIDEST_STEP and not _even_step(speeds, widest):
             problems.append(
                 f"engine_speed is up to {speeds[widest]:.4g} rad/s in some tests and from "
                 f"{speeds[widest + 1]:.4g} rad/s in the others: does its unit change within "
@@ -210,7 +220,7 @@ def _mixed_units(
             f"oil_temperature is at least {np.nanmin(oil):.4g} deg C: is it in deg F?"
         )
     column = columns.get("efficiency")
-    if column is not None and column.why == "range":
+    if column is not None and column.why.endswith("range"):
         middle = float(np.nanmedian(values["efficiency"]))
         if middle < _LEAST_EFFICIENCY:
             problems.append(
@@ -218,6 +228,19 @@ def _mixed_units(
                 f"unit of column {column.name!r}, which names none"
             )
     return problems
+
+
+def _even_step(speeds: Array, position: int) -> bool:
+    """Return whether the step above a speed is one of a grid, as from 100 to 300 r/min.
+
+    Args:
+        speeds: rising [rad/s], shape (n,).
+        position: of the speed.
+    """
+    settings = np.unique(speeds.round(9))
+    steps = np.diff(settings)
+    step = speeds[position + 1] - speeds[position]
+    return bool(step <= _EVEN * np.median(steps))
 
 
 def _small_block(stroke: Array) -> int:

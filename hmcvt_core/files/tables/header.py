@@ -18,6 +18,7 @@ import numpy as np
 
 from ...errors import InputError
 from . import labview
+from .matrix import with_points
 from .numbers import (
     Numbers,
     Style,
@@ -71,6 +72,7 @@ class RawTable:
         above: text of the lines above the header.
         hidden: columns that a spreadsheet hides.
         without_name: columns that hold numbers and have no name in the header.
+        matrix: how a map that is a matrix was read as points; `""` for a table of rows.
     """
 
     columns: dict[str, Sequence[str]]
@@ -86,6 +88,7 @@ class RawTable:
     above: str = ""
     hidden: tuple[str, ...] = ()
     without_name: tuple[str, ...] = field(default=())
+    matrix: str = ""
     _read: dict[str, Numbers] = field(default_factory=dict, init=False, repr=False)
 
     def numbers(self, name: str) -> Numbers:
@@ -131,6 +134,7 @@ def read_table(
     sheet: str | None = None,
     decimal: str | None = None,
     header: Sequence[str] = (),
+    matrix: Sequence[str] = (),
 ) -> RawTable:
     """Read a table as text.
 
@@ -141,6 +145,7 @@ def read_table(
         header: names of the columns of a table without any, in place of its header.
         sheet: of a spreadsheet; the one that names most quantities when left out.
         decimal: `point` or `comma`; the table decides when left out.
+        matrix: names of the row axis, the column axis and the cells of a map that is a matrix.
 
     Raises:
         InputError: the file cannot be read or holds no table, or the sheet is missing.
@@ -159,6 +164,9 @@ def read_table(
         elif not separator:
             separator = _separator(text, names, header_row, source)
         sheets = [Sheet("", split_rows(text, separator, source))]
+    described = ""
+    if matrix or (not header and header_row is None):
+        sheets, described = with_points(sheets, matrix, names, source)
     chosen, top, names_of_columns = _best_sheet(
         sheets, names, header_row, header, source
     )
@@ -189,6 +197,7 @@ def read_table(
         _text_above(chosen.rows, top),
         _hidden(chosen, columns),
         _without_name(columns, names_of_columns),
+        described,
     )
 
 

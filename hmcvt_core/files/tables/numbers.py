@@ -260,3 +260,15 @@ def no_number(name: str, cell: str) -> str:
 def finite_share(values: NDArray[np.float64]) -> float:
     """Return the share of finite values; 0 for no values."""
     return float(np.isfinite(values).mean()) if len(values) else 0.0
+
+
+def last_digit(cell: str, comma: bool) -> float:
+    """Return the size of the last digit of a number, as 0.01 of `3.25`; 0 for no number."""
+    if not is_number(cell):
+        return 0.0
+    sign = "," if comma else "."
+    _, _, decimals = cell.partition(sign)
+    digits = re.match(r"\d*", decimals)
+    if digits is None:
+        return 1.0
+    return float(10.0 ** -len(digits[0]))

@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from .numbers import (
     no_number,
     not_available,
 )
-from .rules import SHAFT_KINDS, Meaning, meaning_of
+from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
 
@@ -38,12 +39,15 @@ RANGES: Mapping[str, Range] = {
         name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
         for name in ("engine_power", "output_power")
     },
+    "torque_loss": Range("torque_loss", 0.0, 20_000.0, "N m", "not negative"),
 }
 """Plausible range of every quantity, in SI units."""
 INPUTS = ("engine_torque", "engine_power")
-OUTPUTS = ("load_torque", "output_torque", "output_power")
+OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")
+_OF_OUTPUT = ("load_torque", "output_torque", "output_power")
 # A quantity that the others already give is compared with them instead, the first one first.
 _SPARE = (
+    "torque_loss",
     "engine_power",
     "engine_torque",
     "output_power",
@@ -67,9 +71,11 @@ class _Likely(NamedTuple):
     up_to: float
 
 
+_LARGEST_FRACTION = 1.5
+"""Number up to which a part is a fraction; above it is in percent."""
 _LIKELY_UNITS = (
-    _Likely("part", "-", -1.0, 1.5),
-    _Likely("part", "%", 1.5, np.inf),
+    _Likely("part", "-", -1.0, _LARGEST_FRACTION),
+    _Likely("part", "%", _LARGEST_FRACTION, np.inf),
     _Likely("speed", "rad/s", -1.0, 320.0),
     _Likely("speed", "rpm", 320.0, np.inf),
     _Likely("torque", "N m", 60.0, np.inf),
@@ -165,6 +171,8 @@ def missing_quantities(columns: Set[str]) -> list[str]:
     """Return what bench samples still need in addition to these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
+    if "engine_torque" not in columns:
+        out = out - {"torque_loss"}
     missing = [
         name for name in ("displacement_ratio", "engine_speed") if name not in columns
     ]
@@ -268,9 +276,12 @@ def propose(
         if question is not None:
             questions[quantity] = question
     _same_speed_units(proposed, given, questions)
-    _assign_sides(candidates, proposed, given, questions, notes)
+    of_map = bool(table.matrix)  # its axis is a quantity, whatever else is in its cells
+    _assign_sides(candidates, proposed, given, questions, notes, of_map)
     _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
+    if not {*proposed, *given, *spares}.isdisjoint(_OF_OUTPUT):
+        spares.pop("torque_loss", None)  # it may be one of the output shaft
     doubtful = {name for name in spares if name in questions}
     for name in doubtful:
         del spares[name]
@@ -357,6 +368,9 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     """Return what a column may hold, and a note where it was refused."""
     below = table.units.get(name, "")
     meaning = meaning_of(name, below)
+    of_file = _is_value_of_map(name, table)
+    if of_file:
+        meaning = meaning_of("efficiency", below)
     quantity = _quantity(name, meaning)
     if not quantity:
         if meaning.problem and meaning.kind:
@@ -366,12 +380,22 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         return _Candidate(name, quantity, "", "name", _rank(True, meaning, True)), ""
     if quantity == "stamp":
         return _time_candidate(name, meaning, table)
-    style = table.styles[name]
-    numbers = table.numbers(name)
-    if finite_share(numbers.values) == 0.0:
+    if finite_share(table.numbers(name).values) == 0.0:
         return None, _no_numbers(name, quantity, table)
-    choice = _unit(quantity, meaning, below, numbers)
-    doubt = _doubt(name, meaning, style, choice)
+    candidate = _candidate_of_numbers(name, meaning, table)
+    if of_file:
+        candidate = candidate._replace(why=f"name of the file, {candidate.why}")
+    return candidate, ""
+
+
+def _candidate_of_numbers(name: str, meaning: Meaning, table: RawTable) -> _Candidate:
+    """Return what a column of numbers may hold, with its unit and the doubt about it."""
+    quantity = meaning.quantity
+    numbers = table.numbers(name)
+    choice = _unit(quantity, meaning, table.units.get(name, ""), numbers)
+    if choice == _UnitChoice("%", "cells") and _percent_by_sign(name, table):
+        choice = _UnitChoice("-", "cells, those with % in percent")
+    doubt = _doubt(name, meaning, table.styles[name], choice)
     if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
         doubt = _unusual_unit_doubt(name, table)
     if quantity == "displacement_ratio" and not doubt:
@@ -380,10 +404,37 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
-    candidate = _Candidate(
+    return _Candidate(
         name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
     )
-    return candidate, ""
+
+
+def _percent_by_sign(name: str, table: RawTable) -> bool:
+    """Return whether only the cells with a sign are in percent, and the others are fractions."""
+    cells = table.columns[name]
+    plain = [index for index, cell in enumerate(cells) if not cell.endswith("%")]
+    values = table.numbers(name).values[plain]
+    known = values[np.isfinite(values)]
+    return bool(len(known) and np.max(np.abs(known)) <= _LARGEST_FRACTION)
+
+
+def _is_value_of_map(name: str, table: RawTable) -> bool:
+    """Return whether a column without a name holds the efficiency that the file is named for.
+
+    That is so in a map of one quantity over two axes: the other two columns name a speed and a
+    torque, and the last one has no name.
+    """
+    if name not in table.without_name:
+        return False
+    measured = []
+    for other, cells in table.columns.items():
+        if set(cells) != {other}:  # a number for all rows is no column of the file
+            measured.append(other)
+    if len(measured) != 3 or measured[-1] != name:
+        return False
+    kinds = {meaning_of(other, table.units.get(other, "")).kind for other in measured}
+    of_axes = {"speed", "torque"} <= kinds
+    return of_axes and file_says_efficiency(Path(table.source).stem)
 
 
 def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
@@ -419,6 +470,14 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     if not choice.unit:
         return f"column {name!r} names no unit"
     return ""
+
+
+def unit_is_stated(name: str, table: RawTable) -> bool:
+    """Return whether the name of a column, the row of units or its cells state its unit."""
+    unit = meaning_of(name, table.units.get(name, "")).unit
+    if unit is not None and unit.name != "-":
+        return True
+    return bool(table.numbers(name).units)
 
 
 def _brackets(meaning: Meaning) -> list[str]:
@@ -744,6 +803,7 @@ def _assign_sides(
     given: Mapping[str, Column],
     questions: dict[str, Question],
     notes: list[str],
+    needed: bool,
 ) -> None:
     """Give columns that name no side a quantity where only one is possible, else ask.
 
@@ -764,7 +824,7 @@ def _assign_sides(
         known = {*proposed, *given}
         if not strong:
             continue
-        if not kind_needed(kind, set(missing_quantities(known))):
+        if not (needed or kind_needed(kind, set(missing_quantities(known)))):
             for rival in strong:
                 notes.append(f"column {rival.name!r} names no side and is not used")
         elif _only_of_its_kind(kind, strong, known):

@@ -79,7 +79,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
         "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
         "\u53d8\u901f\u7bb1 bench pruefstand x",
-        "other": "loss losses verlust verluste perte perdida perdita fuel kraftstoff "
+        "loss": "loss losses verlust verluste perte perdida perdita",
+        "other": "fuel kraftstoff "
         "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
         "commanded demand demanded desired requested request limit limits max maximum "
         "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
@@ -205,9 +206,10 @@ RULES = (
     Rule("engine_speed", "speed", "engine", excludes=("std",)),
     Rule("output_speed", "speed", "output", excludes=("std",)),
     Rule("output_speed", "speed", "load", excludes=("std",)),
-    Rule("engine_torque", "torque", "engine", excludes=("std",)),
-    Rule("output_torque", "torque", "output", excludes=("std",)),
-    Rule("load_torque", "torque", "load", excludes=("std",)),
+    Rule("torque_loss", "torque", needs=("loss",), excludes=("std", "output", "load")),
+    Rule("engine_torque", "torque", "engine", excludes=("std", "loss")),
+    Rule("output_torque", "torque", "output", excludes=("std", "loss")),
+    Rule("load_torque", "torque", "load", excludes=("std", "loss")),
     Rule("engine_power", "power", "engine", excludes=("std",)),
     Rule("output_power", "power", "output", excludes=("std",)),
     Rule("output_power", "power", "load", excludes=("std",)),
@@ -455,6 +457,8 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         means: meanings of the words.
     """
     against = {"other"} & means
+    if kind != "torque":
+        against |= {"loss"} & means
     listed: Set[str] = frozenset()
     if kind == "efficiency":
         listed = _OF_A_PART | _OF_THE_HYDRAULICS
@@ -609,7 +613,7 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     if kind in SHAFT_KINDS:
         if sides == {"engine", "output"} and "of the engine" in " ".join(words):
             sides = {"engine"}
-        if not sides:
+        if not sides and "loss" not in means:
             return f"any_{kind}", ""
         if len(sides) > 1:
             return f"any_{kind}", "names two sides of the transmission"
@@ -643,6 +647,15 @@ def names_quantity(cell: str) -> str:
     return meaning.quantity if meaning.quantity else ""
 
 
+def file_says_efficiency(name: str) -> bool:
+    """Return whether the name of a file or sheet says that it holds efficiencies."""
+    words = {word.lower() for word in _tokens(name)}
+    return not words.isdisjoint(_EFFICIENCY_OF_FILES)
+
+
+_EFFICIENCY_OF_FILES = frozenset(
+    {"efficiency", "efficiencies", "eff", "eta", "wirkungsgrad", "\u6548\u7387"}
+)
 _UNIT_BENCH = (
     ("volumetric_efficiency", "efficiency", "volumetric volumetrisch vol volumetrique"),
     (

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import Array
 from .header import RawTable
-from .numbers import is_number, not_available, read_numbers
+from .numbers import is_number, last_digit, not_available, read_numbers
 from .rules import meaning_of, names_quantity
 from .units import holds_units, plain_text, unit_of
 
@@ -201,7 +201,7 @@ def _match(columns: Sequence[_Numbers], first: int, position: int) -> _Match:
             continue
         gaps = len(above) - len(known)
         compared_cells = [cells[position], *cells[:_FORMATTED]]
-        digit = max(_last_digit(cell, comma) for cell in compared_cells)
+        digit = max(last_digit(cell, comma) for cell in compared_cells)
         met = _met(known, values[position], digit, gaps)
         compared += 1
         if chances is None:
@@ -262,18 +262,6 @@ def _statistics(values: Array) -> Mapping[str, float]:
         "deviation (of n)": float(values.std()),
         "sum": float(values.sum()),
     }
-
-
-def _last_digit(cell: str, comma: bool) -> float:
-    """Return the size of the last digit of a number, as 0.01 of `3.25`; 0 for no number."""
-    if not is_number(cell):
-        return 0.0
-    sign = "," if comma else "."
-    _, _, decimals = cell.partition(sign)
-    digits = re.match(r"\d*", decimals)
-    if digits is None:
-        return 1.0
-    return float(10.0 ** -len(digits[0]))
 
 
 def header_rows(table: RawTable, rows: Sequence[int]) -> dict[int, str]:

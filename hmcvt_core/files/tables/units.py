@@ -45,6 +45,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "engine_torque": _TORQUE,
         "output_torque": _TORQUE,
         "load_torque": _TORQUE,
+        "torque_loss": _TORQUE,
         "engine_power": _POWER,
         "output_power": _POWER,
         "efficiency": _PART,
@@ -325,7 +326,13 @@ def to_si(kind: str, unit: str) -> tuple[float, float]:
 def kind_of(quantity: str) -> str:
     """Return what a quantity measures, a key of `KIND_UNITS`."""
     last = quantity.rpartition("_")[2]
-    special = {"ratio": "part", "efficiency": "part", "std": "part", "stamp": "time"}
+    special = {
+        "ratio": "part",
+        "efficiency": "part",
+        "std": "part",
+        "stamp": "time",
+        "loss": "torque",
+    }
     return special.get(last, last)
 
 
