@@ -20,13 +20,13 @@ from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw import read_raw_bench
 from .files.units import read_unit
 from .identification import Identification, Schedule, identify
+from .model.breakdown import Breakdown
 from .model.domain import Domain, EfficiencyMap, Prediction
 from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
 from .model.optimum import DriveOptimum, Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .monitoring import Opening, Watch, watch
-from .physics.balance import Breakdown
 from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html

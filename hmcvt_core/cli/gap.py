@@ -248,6 +248,12 @@ def _band(text: str) -> tuple[str, float]:
     metavar="NAME",
     help="Which one, where column `unit` names several.",
 )
+@click.option(
+    "--displacement",
+    metavar="NUMBER:UNIT",
+    help="Of the unit at full stroke, as 56:cm3; a column of displacements that differ "
+    "then gives the stroke.",
+)
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
 @click.option(
     "--above",
@@ -273,6 +279,7 @@ def unit(
     table: str,
     kind: str | None,
     name: str | None,
+    displacement: str | None,
     holdout: str | None,
     above: tuple[str, float] | None,
     noise: float | None,
@@ -288,10 +295,18 @@ def unit(
     """
     common.one_of("choose what is held out", holdout=holdout, above=above)
     common.keep_inputs([table, holdout], [report, into])
-    samples = read_unit(table, kind=kind, unit=name, noise=noise)
+    samples = read_unit(
+        table, kind=kind, unit=name, displacement=displacement, noise=noise
+    )
     held_out: UnitSamples | None = None
     if holdout is not None:
-        held_out = read_unit(holdout, kind=samples.kind, unit=name, noise=noise)
+        held_out = read_unit(
+            holdout,
+            kind=samples.kind,
+            unit=name,
+            displacement=displacement,
+            noise=noise,
+        )
     if above is not None:
         samples, held_out = samples.divided(*above)
     # Loaded first, so that a wrong file is refused before the work.

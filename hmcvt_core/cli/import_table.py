@@ -24,6 +24,7 @@ _TEXTS = {
     "engine_torque": "With output torque and speed it gives the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
+    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
     "efficiency_std": "Standard deviation of the efficiency.",
     "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
     "pressure": "Over the motor, high minus low side.",
@@ -74,6 +75,18 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
     metavar="LINE",
     help="Line of the header, from 1; searched when left out.",
 )
+@click.option(
+    "--names",
+    metavar="NAME,NAME,...",
+    help="Names of all columns with their units, for a table without a header, as "
+    "'n_engine [rpm],M_engine [Nm],eta [%]'.",
+)
+@click.option(
+    "--matrix",
+    metavar="ROWS,COLUMNS,CELLS",
+    help="Names of both axes and of the cells of a map that is a matrix, as "
+    "'engine speed [rpm],load torque [Nm],efficiency [%]'.",
+)
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option(
     "--decimal",
@@ -109,6 +122,8 @@ def command(
     raw: str,
     out: str,
     header_row: int | None,
+    names: str | None,
+    matrix: str | None,
     sheet: str | None,
     decimal: str | None,
     mapping: str | None,
@@ -133,6 +148,8 @@ def command(
         "header_row": header_row,
         "sheet": sheet,
         "decimal": decimal,
+        "names": names,
+        "matrix": matrix,
     }
     named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
@@ -267,9 +284,14 @@ def _source_line(table: RawTable) -> str:
     units = ""
     if table.units:
         units = " and a row of units"
+    header = f"header in row {table.header_row}{units}"
+    if table.matrix:
+        return f"{table.source}{sheet}: {table.matrix}"
+    if table.header_row == 0:
+        header = "names of the columns as given"
     return (
-        f"{table.source}{sheet}: header in row {table.header_row}{units}, "
-        f"{len(table.rows) + len(table.broken)} rows below it"
+        f"{table.source}{sheet}: {header}, {len(table.rows) + len(table.broken)} rows "
+        "below it"
     )
 
 
@@ -295,6 +317,12 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
         return
     click.echo("\n".join(explained), err=True)
     questions = "; ".join(str(question) for question in proposal.questions)
+    missing = proposal.missing_anyway()
+    if missing:
+        questions += (
+            f"; besides, no column is named for {', '.join(missing)} (an option may give a "
+            "number for all rows)"
+        )
     raise InputError(f"{table.source}: {questions}")
 
 
@@ -305,7 +333,7 @@ def _preview(imported: Imported) -> list[str]:
         lines.append(f"without {line}")
     lines += imported.notes
     skip = ""
-    if imported.left_out:
+    if imported.doubtful:
         skip = "; --skip-bad leaves the rows above out"
     lines.append(
         f"{len(imported.samples)} bench samples would be written; --yes takes the "

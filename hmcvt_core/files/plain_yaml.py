@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from .checks import kind_of_schema
 
 if TYPE_CHECKING:
     import yaml
 
+_TABLES = (".csv", ".tsv", ".txt")
 _MAX_BYTES = 4 * 1024 * 1024
 _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 
@@ -50,7 +52,10 @@ def read_tree(
     except OSError as error:
         raise InputError(error.strerror or str(error)) from None
     except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text at byte {error.start}") from None
+        kind = kind_of_schema(schema)
+        raise InputError(
+            f"not UTF-8 text at byte {error.start}; wanted is {kind}"
+        ) from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
         place = _line_of(error, "problem_mark")
@@ -58,20 +63,15 @@ def read_tree(
             f"not YAML{place}: {getattr(error, 'problem', error)}"
         ) from None
     if tree is None or not isinstance(data, dict):
-        raise InputError("holds no mapping; is it empty or cut off?")
+        kind = kind_of_schema(schema)
+        if path.suffix.lower() in _TABLES:
+            raise InputError(f"is a table ({path.suffix}); wanted is {kind}")
+        raise InputError(f"holds no mapping; is it empty or cut off? wanted is {kind}")
     if data.get("schema") != schema:
         raise InputError(_other_schema(data.get("schema"), schema))
     _require_decimal_points(tree)
     return data, tree
 
-
-_FILE_KINDS = {
-    "hmcvt-model": "a parameter file of a model",
-    "hmcvt-transmission": "a transmission file",
-    "hmcvt-engine": "an engine file",
-    "hmcvt-mapping": "a mapping of columns",
-}
-"""What the files of each schema are, without the version."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
@@ -79,8 +79,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 def _other_schema(stated: object, wanted: str) -> str:
     """Say which kind of file was given, and which one is wanted."""
     complaint = f"schema = {stated!r}; this version reads {wanted!r}"
-    kind = _FILE_KINDS.get(str(stated).partition("/")[0])
-    wanted_kind = _FILE_KINDS.get(wanted.partition("/")[0])
+    kind = kind_of_schema(stated)
+    wanted_kind = kind_of_schema(wanted)
     if kind is None or wanted_kind is None or kind == wanted_kind:
         return complaint
     return f"is {kind}; wanted is {wanted_kind} ({complaint})"

@@ -109,6 +109,16 @@ class Domain:
         """Return axis -> [low, high]."""
         return self.to_mapping()
 
+    def report(self) -> str:
+        """Return the interval of each axis as text."""
+        lines = []
+        for axis in POINT_RANGES:
+            low, high = getattr(self, axis.name)
+            unit = "" if axis.unit == "-" else f" {axis.unit}"
+            name = axis.name.replace("_", " ")
+            lines.append(f"{name:<18} {low:.4g} to {high:.4g}{unit}")
+        return "\n".join(lines)
+
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""
         return {axis: list(getattr(self, axis)) for axis in AXES}

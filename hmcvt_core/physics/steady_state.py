@@ -52,7 +52,10 @@ class SteadyState(Quadrant):
             has_sense = has_sense | ((load == 0.0) & np.isfinite(output))
         output = np.where(has_sense, output, np.nan)
         torque = self.engine_torque(ratio, output, load) * engine_speed
-        return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
+        speed = self.reflection * engine_speed * output
+        if not load.all():
+            speed = np.where(output == STANDING, 0.0, speed)
+        return Solution.of(load_torque, torque, speed)
 
     def output(self, ratio: Array, load: Array) -> Array:
         """Return the output speed y for e and L, shape (..., n); NaN where there is none."""

@@ -22,9 +22,11 @@ import numpy as np
 import pytest
 import yaml
 
+from hmcvt_core import EfficiencyModel, HydraulicParameters, save_model
 from hmcvt_core.cli import cli
+from hmcvt_core.model.parameter_file import load_stages
 
-from .running import ROOT, script, write_raw_bench
+from .running import ROOT, run, script, write_raw_bench
 
 pytestmark = pytest.mark.slow
 
@@ -131,8 +133,25 @@ def workplace(tmp_path, monkeypatch):
     (tmp_path / "my_transmission.yaml").write_text(
         yaml.safe_dump(train), encoding="utf-8"
     )
+    _write_stages(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def _write_stages(folder):
+    """Write what the commands of docs/table-to-decision.md write one after the other."""
+    page = (DOCS / "table-to-decision.md").read_text(encoding="utf-8")
+    lines = [line for line in _lines(page) if "--gear-pair" in line or "--yes" in line]
+    gears = folder / "stages.yaml"
+    for line in lines:
+        text = line.replace("stages.yaml", str(gears))
+        text = text.replace("stages.csv --yes", f"{folder / 'stages.csv'} --yes")
+        words = text.replace("data/three", f"{ROOT}/data/three")
+        assert run(*shlex.split(words)[1:]).code == 0
+    stages = load_stages(gears)
+    parameters = HydraulicParameters(9e-12, 0.072, 0.129)
+    model = EfficiencyModel(stages[0], parameters, other_stages=tuple(stages[1:]))
+    save_model(model, folder / "stages_model.yaml")
 
 
 def _write_logs(folder):
@@ -195,6 +214,8 @@ def test_example(hmcvt, workplace, case):
     if _is_parsed_only(case):
         _command(name).make_context(name, list(arguments))
         return
+    if case[:2] == ("transmission", "new"):  # it never replaces a file
+        (workplace / case[2]).unlink(missing_ok=True)
     if ">" in case:  # a shell would write the output to a file
         case = case[: case.index(">")]
     done = hmcvt(*case)

@@ -17,11 +17,15 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
+from hmcvt_core.diagnosis.results.stages import stages_of
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_report
+from hmcvt_core.report.figures import test_labels as labels_of_tests
+from hmcvt_core.report.figures import test_rows as rows_of_tests
 from hmcvt_core.report.gap_map import draw_view, estimate, held_values, views
 from hmcvt_core.report.residuals import stage_rows
+from hmcvt_core.report.sheet import draw_sheet
 
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import Layout, clicked, laid_out
@@ -588,6 +592,38 @@ def test_page_and_report_of_several_stages() -> None:
     lines = found.report().splitlines()
     assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
     assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)
+    assert "stages HM3, HM4</h1>" in shown and "estimated gap in HM4 [points]" in shown
+
+
+def test_the_stage_of_the_next_test_is_named() -> None:
+    point = {"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 200.0}
+    named = ("charge pump", "bearing drag")
+    test = NextTest(point, named, 0.3, setting={"stage": "HM3"})
+    without = NextTest(None, named, 0.0, "measure the charge pressure")
+    found = replace(of_stages(), next_tests=(test, without))
+    assert labels_of_tests(found) == ["stage"]
+    (row,) = rows_of_tests(found)
+    assert row[2:4] == ("HM3", "0.50")
+    assert labels_of_tests(diagnosis("ambiguous")) == []
+    assert re.search(r">distinguishes</th>\s*<th[^>]*>stage</th>", html(found))
+
+
+def test_stages_are_in_one_order() -> None:
+    samples = of_stages().samples
+    backward = samples.select(np.arange(len(samples))[::-1])
+    assert stages_of(samples) == stages_of(backward) == ["HM3", "HM4"]
+
+
+def test_sheet_of_several_stages() -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.27, 11.69))
+    draw_sheet(figure, of_stages())
+    lines = [text.get_text() for text in figure.texts]
+    assert lines[0].endswith("stages HM3, HM4")
+    assert not any(line.startswith("candidates: ") for line in lines)
+    bottom = min(text.get_position()[1] for text in figure.texts)
+    assert bottom > 0.03
 
 
 def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:

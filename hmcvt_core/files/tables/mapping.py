@@ -18,7 +18,7 @@ from typing import Any
 from ...errors import InputError
 
 _KIND = "hmcvt table mapping"
-_SETTINGS = ("header_row", "sheet", "decimal")
+_SETTINGS = ("header_row", "sheet", "decimal", "names", "matrix")
 
 
 def mapping_text(
@@ -28,7 +28,7 @@ def mapping_text(
 
     Args:
         columns: `COLUMN:UNIT` by quantity.
-        settings: `header_row`, `sheet` and `decimal`; None is left out.
+        settings: `header_row`, `sheet`, `decimal`, `names` and `matrix`; None is left out.
     """
     import yaml
 
