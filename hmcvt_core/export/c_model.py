@@ -144,7 +144,7 @@ def _search_values() -> dict[str, Any]:
         "golden_steps": math.ceil(shrinkage) + 1,
         "bracket": optimum.BRACKET,
         "start": optimum.START,
-        "scan": optimum.SCAN,
+        "scan_steps": optimum.SCAN - 1,
         "grids": optimum.ZOOMS + 1,
         "slip": optimum.SLIP,
         "edge": optimum.EDGE,

@@ -1,6 +1,6 @@
 /*
  * Efficiency of a hydromechanical CVT: the model ${fingerprint} of hmcvt ${version}.
- * hmcvt_model.h documents the functions; https://hmcvt.readthedocs.io, page Theory, the equations.
+ * hmcvt_model.h documents the functions, the page "Theory" of hmcvt the equations.
  *
  * Speeds and torques are taken per engine speed, as in the Python modules `regimes` and
  * `single_point`, whose order of operations is kept: y, x, z are the speeds of output, motor and
@@ -73,7 +73,8 @@ typedef struct {
     const quadrant_factors *quadrants;
 } stage_factors;
 
-enum { DRIVING, DRIVEN, REVERSED, MOTORED, BACKWARD, BACKWARD_MOTORED };
+/* Regimes; RESTING: friction holds the motor or the output. */
+enum { RESTING = -1, DRIVING, DRIVEN, REVERSED, MOTORED, BACKWARD, BACKWARD_MOTORED };
 
 ${tables}
 /* --- arithmetic ------------------------------------------------------------------------------ */
@@ -110,6 +111,11 @@ static hmcvt_real higher_of(hmcvt_real first, hmcvt_real second)
 static bool within(hmcvt_real value, hmcvt_real low, hmcvt_real high)
 {
     return (value >= low) && (value <= high);
+}
+
+static bool is_unknown(hmcvt_real value)
+{
+    return isnan(value) != 0;
 }
 
 /* --- one regime ------------------------------------------------------------------------------ */
@@ -180,12 +186,50 @@ static hmcvt_real pressure_at(const setting *at, hmcvt_real ratio, hmcvt_real ou
 }
 
 /* Torque of a pump that turns forward (1) or backward (-1). */
+static hmcvt_real pump_torque_at(const setting *at, hmcvt_real ratio, hmcvt_real output,
+                                 hmcvt_real pressure, hmcvt_real turning)
+{
+    const hmcvt_real ideal = ratio * pressure;
+    const hmcvt_real friction = turning * (at->stage->pump_friction * magnitude(ideal));
+    return ideal + friction + (at->parameters->pump_damping * pump_speed(at, output));
+}
+
+/* The same at the pressure that follows from the flow. */
 static hmcvt_real pump_torque(const setting *at, hmcvt_real ratio, hmcvt_real output,
                               hmcvt_real turning)
 {
-    const hmcvt_real ideal = ratio * pressure_at(at, ratio, output);
-    const hmcvt_real friction = turning * (at->stage->pump_friction * magnitude(ideal));
-    return ideal + friction + (at->parameters->pump_damping * pump_speed(at, output));
+    return pump_torque_at(at, ratio, output, pressure_at(at, ratio, output), turning);
+}
+
+/* y, NaN where there is none, and the regime in which it holds. */
+typedef struct {
+    hmcvt_real output;
+    int regime;
+} steady_state;
+
+/*
+ * pi of a steady state. The flow gives it as the small difference of two speeds; single precision
+ * takes it from the torques instead, which lose no digits.
+ */
+static hmcvt_real steady_pressure(const setting *at, steady_state steady, hmcvt_real ratio,
+                                  hmcvt_real load)
+{
+    hmcvt_real pressure = pressure_at(at, ratio, steady.output);
+#if HMCVT_SINGLE_PRECISION
+    if (steady.regime != RESTING) {
+        const regime_constants constants = constants_of(at, steady.regime);
+        const regime_factors *factors = &at->quadrant->regimes[steady.regime];
+        const hmcvt_real motor =
+            (steady.output - at->quadrant->rest) / at->stage->hydraulic_ratio;
+        const hmcvt_real rubbed = ratio + ((factors->pump - R(1.0)) * magnitude(ratio));
+        const hmcvt_real asked = (load / steady.output) + (constants.motor_drag * motor) -
+                                 (constants.brace_drag * pump_speed(at, steady.output));
+        pressure = asked / (constants.motor + (factors->brace * rubbed));
+    }
+#else
+    (void)load;
+#endif
+    return pressure;
 }
 
 /* Efficiency, output speed and engine torque; NaN where they are not known. */
@@ -256,23 +300,27 @@ static hmcvt_real standing_ratio(const setting *at)
     return ((R(-2.0) * driving.level) / (driving.flow + root)) / at->quadrant->flow_ratio;
 }
 
-/* y of a motor that is driven, or held by friction; NaN where there is none. */
-static hmcvt_real slower_output(const setting *at, hmcvt_real ratio, hmcvt_real load)
+/* The state of a motor that is driven, or held by friction. */
+static steady_state slower_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
     const hmcvt_real rest = at->quadrant->rest;
-    hmcvt_real output = engine_root(at, DRIVEN, ratio, load);
-    if (output >= rest) {
-        output = rest;
+    steady_state steady;
+    steady.output = engine_root(at, DRIVEN, ratio, load);
+    steady.regime = DRIVEN;
+    if (steady.output >= rest) {
+        steady.output = rest;
+        steady.regime = RESTING;
     } else {
-        const hmcvt_real motor = (output - rest) / at->stage->hydraulic_ratio;
+        const hmcvt_real motor = (steady.output - rest) / at->stage->hydraulic_ratio;
         /* True for NaN, too. */
         const bool is_reversed =
-            !(output < rest) || ((ratio * at->stage->engine_share) < motor);
+            !(steady.output < rest) || ((ratio * at->stage->engine_share) < motor);
         if (is_reversed) {
-            output = engine_root(at, REVERSED, ratio, load);
+            steady.output = engine_root(at, REVERSED, ratio, load);
+            steady.regime = REVERSED;
         }
     }
-    return output;
+    return steady;
 }
 
 /* L above which a motor that comes to rest goes on to stall. */
@@ -283,28 +331,29 @@ static bool stalls(const setting *at, hmcvt_real load)
     return (quadrant->rest < R(0.0)) || (load > (quadrant->rest_squared * driving.square));
 }
 
-/* y in whichever regime holds; NaN where the load is not carried. */
-static hmcvt_real engine_output(const setting *at, hmcvt_real ratio, hmcvt_real load)
+/* The state in whichever regime holds; NaN where the load is not carried. */
+static steady_state engine_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
-    const hmcvt_real driving = engine_root(at, DRIVING, ratio, load);
-    hmcvt_real output = driving;
-    if (!(driving > at->quadrant->rest)) {
-        if (!(driving <= at->quadrant->rest) && stalls(at, load)) {
-            output = NAN;
-        } else {
-            output = slower_output(at, ratio, load);
+    const hmcvt_real rest = at->quadrant->rest;
+    steady_state steady;
+    steady.output = engine_root(at, DRIVING, ratio, load);
+    steady.regime = DRIVING;
+    if (!(steady.output > rest)) {
+        const bool has_root = steady.output <= rest;
+        if (has_root || !stalls(at, load)) {
+            steady = slower_state(at, ratio, load);
         }
     }
-    if (!((output * at->quadrant->sense) > R(0.0))) {
+    if (!((steady.output * at->quadrant->sense) > R(0.0))) {
         if (load != R(0.0)) {
-            output = NAN;
-        } else if (output == R(0.0)) {
-            output = STANDING;
+            steady.output = NAN;
+        } else if (steady.output == R(0.0)) {
+            steady.output = STANDING;
         } else {
             /* Without a load, the losses turn the output back: it keeps its speed. */
         }
     }
-    return output;
+    return steady;
 }
 
 static int engine_quadrant(const stage_factors *stage, const hmcvt_parameters *parameters,
@@ -313,9 +362,14 @@ static int engine_quadrant(const stage_factors *stage, const hmcvt_parameters *p
     const setting first = setting_of(stage, 0, parameters);
     const hmcvt_real turned =
         (displacement_ratio - standing_ratio(&first)) * first.quadrant->flow_ratio;
-    const int sense = (turned > R(0.0)) ? 0 : 2;
-    const int power = (load_torque >= R(0.0)) ? 0 : 1;
-    return sense + power;
+    int quadrant = 0;
+    if (!(turned > R(0.0))) {
+        quadrant += 2;
+    }
+    if (load_torque < R(0.0)) {
+        quadrant += 1;
+    }
+    return quadrant;
 }
 
 static solution solve_at_engine(const stage_factors *stage, const hmcvt_parameters *parameters,
@@ -326,14 +380,16 @@ static solution solve_at_engine(const stage_factors *stage, const hmcvt_paramete
     const setting at = setting_of(stage, quadrant, parameters);
     const hmcvt_real ratio = at.quadrant->flow_ratio * displacement_ratio;
     const hmcvt_real load = load_torque / engine_speed;
-    const hmcvt_real output = engine_output(&at, ratio, load);
+    const steady_state steady = engine_state(&at, ratio, load);
     solution solved = no_solution();
-    if (!isnan(output)) {
-        const hmcvt_real pump = pump_torque(&at, ratio, output, R(1.0));
-        const hmcvt_real carried = (at.quadrant->mechanical_load * load) / output;
+    if (!is_unknown(steady.output)) {
+        const hmcvt_real pressure = steady_pressure(&at, steady, ratio, load);
+        const hmcvt_real pump = pump_torque_at(&at, ratio, steady.output, pressure, R(1.0));
+        const hmcvt_real carried = (at.quadrant->mechanical_load * load) / steady.output;
         const hmcvt_real torque =
             carried + (stage->gears[0] * pump) + (stage->gears[1] * magnitude(pump));
-        solved = solution_of(&at, output, torque * engine_speed, engine_speed, load_torque);
+        solved =
+            solution_of(&at, steady.output, torque * engine_speed, engine_speed, load_torque);
     }
     return solved;
 }
@@ -413,42 +469,51 @@ static bool drives(const setting *at, hmcvt_real pressure, hmcvt_real output)
     return (driving.motor * pressure) > drag;
 }
 
-/* y at reversed pressure; NaN where the signs differ. */
-static hmcvt_real reversed_output(const setting *at, hmcvt_real ratio, hmcvt_real load)
+/* The state at reversed pressure; NaN where the signs differ. */
+static steady_state reversed_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
-    hmcvt_real output = row_root(at, REVERSED, ratio, load);
-    hmcvt_real pump = pump_torque(at, ratio, output, R(1.0));
-    const bool is_motored = !(pump >= R(0.0));
+    steady_state steady;
+    hmcvt_real pump;
+    hmcvt_real bound;
+    bool is_motored;
+    steady.output = row_root(at, REVERSED, ratio, load);
+    steady.regime = REVERSED;
+    pump = pump_torque(at, ratio, steady.output, R(1.0));
+    is_motored = !(pump >= R(0.0));
     if (is_motored) {
-        output = row_root(at, MOTORED, ratio, load);
-        pump = pump_torque(at, ratio, output, R(1.0));
+        steady.output = row_root(at, MOTORED, ratio, load);
+        steady.regime = MOTORED;
+        pump = pump_torque(at, ratio, steady.output, R(1.0));
     }
-    const hmcvt_real bound = ROUNDING * at->stiffness * output;
-    const hmcvt_real pressure = pressure_at(at, ratio, output);
-    if ((pressure > bound) || (is_motored && (pump > bound))) {
-        output = NAN;
+    bound = ROUNDING * at->stiffness * steady.output;
+    if ((pressure_at(at, ratio, steady.output) > bound) || (is_motored && (pump > bound))) {
+        steady.output = NAN;
     }
-    return output;
+    return steady;
 }
 
-/* y while the pump turns forward; NaN where there is none. */
-static hmcvt_real forward_output(const setting *at, hmcvt_real ratio, hmcvt_real load)
+/* The state while the pump turns forward; NaN where there is none. */
+static steady_state forward_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
-    hmcvt_real output = row_root(at, DRIVING, ratio, load);
+    steady_state steady;
+    steady.output = row_root(at, DRIVING, ratio, load);
+    steady.regime = DRIVING;
     /* No root while the motor drives: the load is not carried in any regime. */
-    if (!isnan(output) && !drives(at, pressure_at(at, ratio, output), output)) {
-        output = row_root(at, DRIVEN, ratio, load);
-        if (!(pressure_at(at, ratio, output) >= R(0.0))) {
-            output = reversed_output(at, ratio, load);
+    if (!is_unknown(steady.output) &&
+        !drives(at, pressure_at(at, ratio, steady.output), steady.output)) {
+        steady.output = row_root(at, DRIVEN, ratio, load);
+        steady.regime = DRIVEN;
+        if (!(pressure_at(at, ratio, steady.output) >= R(0.0))) {
+            steady = reversed_state(at, ratio, load);
         }
     }
-    return output;
+    return steady;
 }
 
-/* y with the pump turned backward; NaN where it does not turn so. */
-static hmcvt_real backward_output(const setting *at, hmcvt_real ratio, hmcvt_real load)
+/* The state with the pump turned backward; NaN where it does not turn so. */
+static steady_state backward_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
-    hmcvt_real output = NAN;
+    steady_state steady = {NAN, BACKWARD};
     int regime;
     for (regime = BACKWARD_MOTORED; regime >= BACKWARD; regime--) {
         const hmcvt_real candidate = row_root(at, regime, ratio, load);
@@ -457,18 +522,20 @@ static hmcvt_real backward_output(const setting *at, hmcvt_real ratio, hmcvt_rea
         const bool is_consistent =
             (taken >= R(0.0)) && (pressure_at(at, ratio, candidate) <= R(0.0));
         if (is_consistent && (pump_speed(at, candidate) < R(0.0))) {
-            output = candidate;
+            steady.output = candidate;
+            steady.regime = regime;
         }
     }
-    return output;
+    return steady;
 }
 
 /* Engine torque per engine speed. */
-static hmcvt_real row_torque(const setting *at, hmcvt_real ratio, hmcvt_real output)
+static hmcvt_real row_torque(const setting *at, hmcvt_real ratio, hmcvt_real output,
+                             hmcvt_real pressure)
 {
     const bool is_backward = pump_speed(at, output) < R(0.0);
-    const hmcvt_real pump =
-        pump_torque(at, ratio, output, is_backward ? R(-1.0) : R(1.0));
+    const hmcvt_real turning = is_backward ? R(-1.0) : R(1.0);
+    const hmcvt_real pump = pump_torque_at(at, ratio, output, pressure, turning);
     const hmcvt_real *gears = is_backward ? at->stage->backward_gears : at->stage->gears;
     return (gears[0] * pump) + (gears[1] * magnitude(pump));
 }
@@ -495,26 +562,30 @@ static solution solve_on_row(const stage_factors *stage, const hmcvt_parameters 
     hmcvt_real ratio;
     const bool has_sense = row_quadrant(stage, parameters, displacement_ratio, &at, &ratio);
     const hmcvt_real load = load_torque / engine_speed;
-    hmcvt_real output = NAN;
+    steady_state steady = {NAN, RESTING};
+    solution solved = no_solution();
     if (!beyond_pole(&at, ratio)) {
         if (has_sense) {
-            output = forward_output(&at, ratio, load);
+            steady = forward_state(&at, ratio, load);
         } else if (load == R(0.0)) {
-            output = STANDING;
+            steady.output = STANDING;
         } else {
             /* Friction holds the output: it carries no load. */
         }
     }
-    if ((load == R(0.0)) && (output == R(0.0))) {
-        output = STANDING;
+    if ((load == R(0.0)) && (steady.output == R(0.0))) {
+        steady.output = STANDING;
     }
-    solution solved = no_solution();
-    if (output > R(0.0)) {
-        if (pump_speed(&at, output) < R(0.0)) {
-            output = backward_output(&at, ratio, load);
+    if (steady.output > R(0.0)) {
+        hmcvt_real pressure;
+        hmcvt_real torque;
+        if (pump_speed(&at, steady.output) < R(0.0)) {
+            steady = backward_state(&at, ratio, load);
         }
-        solved = solution_of(&at, output, row_torque(&at, ratio, output) * engine_speed,
-                             engine_speed, load_torque);
+        pressure = steady_pressure(&at, steady, ratio, load);
+        torque = row_torque(&at, ratio, steady.output, pressure);
+        solved =
+            solution_of(&at, steady.output, torque * engine_speed, engine_speed, load_torque);
     }
     return solved;
 }
@@ -597,7 +668,7 @@ int hmcvt_predict_with(const hmcvt_parameters *parameters, int stage,
         if (is_inside_domain(displacement_ratio, engine_speed, load_torque)) {
             out->inside_domain = 1;
         }
-        if (isnan(solved.efficiency)) {
+        if (is_unknown(solved.efficiency)) {
             status = HMCVT_NO_ANSWER;
         }
     }
@@ -731,12 +802,13 @@ static stroke_candidate golden_section(const stroke_line *line, hmcvt_real low, 
     hmcvt_real b = high;
     stroke_candidate c;
     stroke_candidate d;
+    bool is_wide = true;
     int step;
     c.way = b - (golden * (b - a));
     d.way = a + (golden * (b - a));
     c.efficiency = value_at(line, c.way);
     d.efficiency = value_at(line, d.way);
-    for (step = 0; (step < GOLDEN_STEPS) && ((b - a) > R(${bracket})); step++) {
+    for (step = 0; (step < GOLDEN_STEPS) && is_wide; step++) {
         if (c.efficiency > d.efficiency) {
             b = d.way;
             d = c;
@@ -748,6 +820,7 @@ static stroke_candidate golden_section(const stroke_line *line, hmcvt_real low, 
             d.way = a + (golden * (b - a));
             d.efficiency = value_at(line, d.way);
         }
+        is_wide = (b - a) > R(${bracket});
     }
     return is_as_good(d, c) ? d : c;
 }
@@ -858,7 +931,7 @@ int hmcvt_optimal_displacement_ratio_with(const hmcvt_parameters *parameters, in
     if (status == HMCVT_OK) {
         const stage_factors *engaged = &stages[stage];
         const hmcvt_real stroke = best_stroke(engaged, parameters, engine_speed, load_torque);
-        if (isnan(stroke)) {
+        if (is_unknown(stroke)) {
             status = HMCVT_NO_ANSWER;
         } else {
             out->displacement_ratio = stroke;
@@ -879,8 +952,8 @@ int hmcvt_optimal_displacement_ratio(int stage, hmcvt_real engine_speed, hmcvt_r
 
 /* --- best engine speed at a held output ---------------------------------------------------------- */
 
-/* Points of a grid on one interval, and grids, each next to the best point of the one before. */
-#define SCAN ${scan}
+/* Steps of a grid on one interval, and grids, each next to the best point of the one before. */
+#define SCAN_STEPS ${scan_steps}
 #define GRIDS ${grids}
 
 /* The steady state that makes an output speed: pi, e and A of one regime. */
@@ -963,7 +1036,7 @@ static hmcvt_real held_on_row(const setting *at, hmcvt_real output, hmcvt_real l
     }
     if (((held.square * output * output) >= load) && !beyond_pole(at, held.ratio) &&
         (pump_speed(at, output) >= R(0.0))) {
-        torque = row_torque(at, held.ratio, output);
+        torque = row_torque(at, held.ratio, output, pressure_at(at, held.ratio, output));
     }
     *ratio = held.ratio;
     return torque;
@@ -1033,12 +1106,12 @@ typedef struct {
 /* The best of a grid on an interval, which is narrowed to its neighbours. */
 static speed_candidate best_of_grid(const demand *asked, speed_interval *interval)
 {
-    const hmcvt_real step = (interval->last - interval->first) / R(SCAN - 1);
+    const hmcvt_real step = (interval->last - interval->first) / R(SCAN_STEPS);
     speed_candidate lowest;
     int i;
     lowest.engine_speed = interval->first;
     lowest.power = INFINITY;
-    for (i = 0; i < SCAN; i++) {
+    for (i = 0; i <= SCAN_STEPS; i++) {
         const hmcvt_real engine_speed = interval->first + (step * (hmcvt_real)i);
         hmcvt_real stroke;
         const hmcvt_real power = held_torque(asked, engine_speed, &stroke) * engine_speed;

@@ -1,0 +1,47 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A folder that is written whole or not at all."""
+
+import os
+import secrets
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import InputError
+from ..files.atomic import sync_folder
+
+
+def require_new(folder: Path) -> None:
+    """Raise an `InputError` unless a folder can be made."""
+    if folder.exists() or folder.is_symlink():
+        raise InputError(f"{folder}: exists; name a folder that does not exist yet")
+    parent = folder.absolute().parent
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        raise InputError(f"{folder}: {parent} is not a folder that can be written")
+
+
+def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write a new folder of text files.
+
+    The files are written to a temporary folder next to it, which takes the name at the end.
+
+    Args:
+        folder: does not exist.
+        texts: content by file name.
+
+    Raises:
+        InputError: the folder exists, or cannot be made.
+        OSError: the disk is full.
+    """
+    require_new(folder)
+    parent = folder.absolute().parent
+    temporary = parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
+    temporary.mkdir()
+    try:
+        for name, text in texts.items():
+            (temporary / name).write_text(text, encoding="utf-8", newline="\n")
+        temporary.rename(folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    sync_folder(parent)
