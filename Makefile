@@ -157,7 +157,7 @@ $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py constraints.txt
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(LOCKED) --editable '.[ros,report,bag,table,compare,fleet,docs,test,dev]'
+	@$(LOCKED) --editable '.[ros,report,bag,table,export,compare,fleet,docs,test,dev]'
 	@touch $@
 
 $(VENV)/.mutants: $(VENV)/.dev

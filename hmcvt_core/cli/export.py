@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from ..errors import InputError
-from ..export import export_c
+from ..export import export_c, export_fmu, export_mat
 from ..export.c_model import PRECISIONS
 from ..export.stages import with_stages
 from . import common
@@ -66,7 +65,9 @@ def command(
 ) -> Answer:
     """Write the model for use without Python: C code, an FMU, or maps for MATLAB."""
     if more_stages and not stages:
-        raise click.UsageError(f"{more_stages[0]}: write --stage before names of stages")
+        raise click.UsageError(
+            f"{more_stages[0]}: write --stage before names of stages"
+        )
     if precision is not None and kind != "c":
         raise click.UsageError("--precision is of the format c")
     if fmi is not None and kind != "fmu":
@@ -78,8 +79,10 @@ def command(
         model = with_stages(model, names)
     if kind == "c":
         export_c(model, out, precision or "double")
+    elif kind == "fmu":
+        export_fmu(model, out, int(fmi or "2"))
     else:
-        raise InputError(f"{kind}: to come")
+        export_mat(model, out)
     value = {
         "format": kind,
         "path": str(Path(out)),

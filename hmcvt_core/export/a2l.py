@@ -60,7 +60,8 @@ def a2l_text(model: EfficiencyModel, precision: str) -> str:
     kind = _TYPES[precision]
     lines = [
         "ASAP2_VERSION 1 71",
-        "/begin PROJECT hmcvt_project " + _quoted("Efficiency of a hydromechanical CVT"),
+        "/begin PROJECT hmcvt_project "
+        + _quoted("Efficiency of a hydromechanical CVT"),
         "  /begin MODULE hmcvt_model " + _quoted(f"model {model.fingerprint}"),
         '    /begin MOD_COMMON ""',
         "      BYTE_ORDER MSB_LAST",

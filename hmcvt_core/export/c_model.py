@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..model import optimum
 from ..model.model import EfficiencyModel
-from ..physics.steady_state import MOTOR_AT_REST, ROUNDING
+from ..physics.steady_state import MOTOR_REST_BOUND, ROUNDING
 from ..transmission import ranges
 from ..transmission.parameters import PARAMETER_RANGES
 from ..version import __version__
@@ -116,7 +116,7 @@ def _source_values(model: EfficiencyModel) -> dict[str, Any]:
         "states_domain": int(model.domain is not None),
         "tables": _tables(model, stages),
         "rounding": ROUNDING,
-        "motor_at_rest": MOTOR_AT_REST,
+        "motor_at_rest": MOTOR_REST_BOUND,
         "leakage_low": leakage.low,
         "leakage_high": leakage.high,
         "damping_low": damping.low,

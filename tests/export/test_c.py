@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 from core.made_up_stages import edge_points, made_up_model
+
+import hmcvt_core as hmcvt
 from export.c_library import Library, needs_compiler
 from export.conftest import STAGES
 from export.points import bits_differ, random_outputs, random_points
-
-import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS, OperatingPoints
 
 POINTS = 1_000_000

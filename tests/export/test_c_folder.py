@@ -6,9 +6,9 @@ import subprocess
 
 import pytest
 from cli.running import HM4, TRACTOR, assert_refused, run
-from export.c_library import COMPILER, compile_c, needs_compiler
 
 import hmcvt_core as hmcvt
+from export.c_library import COMPILER, compile_c, needs_compiler
 from hmcvt_core.export.folder import write_folder
 
 COMPILERS = [
@@ -122,7 +122,9 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path):
     base = ("export", "--params", HM4, "--format", "c", "--out")
     assert_refused(run(*base, taken), "taken: exists")
     assert_refused(run(*base, file), "file: exists")
-    assert_refused(run(*base, tmp_path / "no" / "c"), "not a folder that can be written")
+    assert_refused(
+        run(*base, tmp_path / "no" / "c"), "not a folder that can be written"
+    )
     assert_refused(run(*base, tmp_path / "c", "--stage", "HM9"), "'HM9'", "HM4")
     assert_refused(run(*base, tmp_path / "c", "HM4"), "--stage")
     assert_refused(run(*base, tmp_path / "c", "--precision", "half"), "half")

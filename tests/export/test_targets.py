@@ -74,7 +74,9 @@ def test_misra_rules_that_are_mandatory_or_required(exported, name, precision):
     rules = set(re.findall(r"\[misra-c2012-([\d.]+)\]", done.stderr))
     assert rules <= ADVISORY
     others = [
-        line for line in done.stderr.splitlines() if ": " in line and "misra" not in line
+        line
+        for line in done.stderr.splitlines()
+        if ": " in line and "misra" not in line
     ]
     findings = [line for line in others if re.search(r": (error|warning)", line)]
     assert findings == []
