@@ -49,6 +49,8 @@ def require_exportable(model: EfficiencyModel) -> None:
             f"formulation {model.formulation!r} is not exported: it holds only in part of "
             "the working range; take power_balance"
         )
+    if model.without_meters().effects:
+        raise InputError("effects are not exported")
 
 
 def c_model(model: EfficiencyModel, precision: str = "double") -> CModel:
