@@ -7,6 +7,7 @@ import click
 
 from ..export import export_c, export_fmu, export_mat
 from ..export.c_model import PRECISIONS
+from ..export.effect_tables import BOUND
 from ..export.stages import with_stages
 from . import common
 from .common import Answer
@@ -54,6 +55,13 @@ FORMATS = ("c", "fmu", "mat")
     type=click.Choice(("2", "3")),
     help="Version of the standard that the FMU follows.  [default: 2]",
 )
+@click.option(
+    "--bound",
+    type=common.fraction,
+    metavar="ERROR",
+    help="Of a model with effects: error of the efficiency that their tables may make, 0.002 "
+    "or 0.2%.  [default: 0.2%]",
+)
 def command(
     params: str | None,
     kind: str,
@@ -62,6 +70,7 @@ def command(
     more_stages: tuple[str, ...],
     precision: str | None,
     fmi: str | None,
+    bound: float | None,
 ) -> Answer:
     """Write the model for use without Python: C code, an FMU, or maps for MATLAB."""
     if more_stages and not stages:
@@ -72,15 +81,19 @@ def command(
         raise click.UsageError("--precision is of the format c")
     if fmi is not None and kind != "fmu":
         raise click.UsageError("--fmi is of the format fmu")
+    if bound is not None and kind == "mat":
+        raise click.UsageError("--bound is of the formats c and fmu")
     common.keep_inputs([params], [out])
     model = common.model_from(params)
     names = (*stages, *more_stages)
     if names:
         model = with_stages(model, names)
+    accuracy = None
+    error = BOUND if bound is None else bound
     if kind == "c":
-        export_c(model, out, precision or "double")
+        accuracy = export_c(model, out, precision or "double", error)
     elif kind == "fmu":
-        export_fmu(model, out, int(fmi or "2"))
+        accuracy = export_fmu(model, out, int(fmi or "2"), error)
     else:
         export_mat(model, out)
     value = {
@@ -88,5 +101,9 @@ def command(
         "path": str(Path(out)),
         "fingerprint": model.fingerprint,
         "stages": list(model.stages),
+        "effects": None if accuracy is None else accuracy._asdict(),
     }
-    return Answer(value, [f"model {model.fingerprint} written to {out}"])
+    lines = [f"model {model.fingerprint} written to {out}"]
+    if accuracy is not None:
+        lines.append(accuracy.report())
+    return Answer(value, lines)

@@ -8,54 +8,72 @@ from ..model.model import EfficiencyModel
 from ..version import __version__
 from . import c_text
 from .a2l import a2l_text
-from .c_model import MODEL_HEADER, MODEL_SOURCE, c_model, template
+from .c_model import MODEL_HEADER, MODEL_SOURCE, CModel, c_model, template
+from .effect_tables import BOUND, Accuracy
 from .folder import require_new, write_folder
-from .vectors import vectors_csv
+from .vectors import TABLE_TOLERANCE, vectors_csv
 
 CHECK_SOURCE = "check.c"
 VECTORS = "vectors.csv"
 README = "README.md"
 A2L = "hmcvt_model.a2l"
+SINGLE_TOLERANCE = 1e-4
+SEARCH_TOLERANCE = 1e-6
+"""Tolerances of the self-test, as parts of each quantity."""
 
 
 def export_c(
     model: EfficiencyModel,
     folder: str | os.PathLike[str],
     precision: str = "double",
-) -> None:
+    bound: float = BOUND,
+) -> Accuracy | None:
     """Write a model as C99 for a controller, with a self-test.
 
-    In double precision the code gives every bit of the answers of Python.
+    In double precision the code gives every bit of the answers of Python. Effects become tables,
+    which are refined until their error is within a bound at 99 % of random points.
 
     Args:
         model: all its stages are exported; they are numbered from 0 in their order.
         folder: does not exist yet.
         precision: `double` or `single`.
+        bound: error of the efficiency that tables of effects may make [-].
+
+    Returns:
+        What the tables of effects keep, or None without effects.
 
     Raises:
         InputError: the folder exists, or the model or precision cannot be exported.
     """
     target = Path(folder)
     require_new(target)
-    write_folder(target, c_files(model, precision))
+    code = c_model(model, precision, bound)
+    write_folder(target, _files(model, code, precision))
+    return code.accuracy
 
 
-def c_files(model: EfficiencyModel, precision: str) -> dict[str, str]:
+def _files(model: EfficiencyModel, code: CModel, precision: str) -> dict[str, str]:
     """Return the text of each file of a folder of C, by name."""
-    code = c_model(model, precision)
-    vectors = vectors_csv(model, precision)
-    check = template(CHECK_SOURCE).substitute(prediction_tolerance="0.0")
+    vectors = vectors_csv(model, precision, code.effects)
+    tolerance = 0.0 if code.accuracy is None else TABLE_TOLERANCE
+    check = template(CHECK_SOURCE).substitute(
+        prediction_tolerance=tolerance,
+        single_tolerance=max(tolerance, SINGLE_TOLERANCE),
+        search_tolerance=max(tolerance, SEARCH_TOLERANCE),
+    )
     return {
         MODEL_HEADER: code.header,
         MODEL_SOURCE: code.source,
         CHECK_SOURCE: check,
         VECTORS: vectors,
         A2L: a2l_text(model, precision),
-        README: _readme(model, precision, vectors.count("\n") - 2),
+        README: _readme(model, code, precision, vectors.count("\n") - 2),
     }
 
 
-def _readme(model: EfficiencyModel, precision: str, vectors: int) -> str:
+def _readme(
+    model: EfficiencyModel, code: CModel, precision: str, vectors: int
+) -> str:
     names = []
     for number, name in enumerate(model.stages):
         names.append(f" {number} `{c_text.comment(name)}`")
@@ -65,5 +83,15 @@ def _readme(model: EfficiencyModel, precision: str, vectors: int) -> str:
         stage_list=",".join(names),
         precision=precision,
         vectors=vectors,
-        remarks="",
+        exactness=_exactness(code),
+    )
+
+
+def _exactness(code: CModel) -> str:
+    """Return how close the answers are to those of Python."""
+    if code.accuracy is None:
+        return "With it, double precision gives every bit of Python's answers."
+    return (
+        f"This model holds {code.accuracy.report()}. The tables belong to the parameters as "
+        "identified and to the oil temperature of the identification."
     )

@@ -3,11 +3,18 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .constants import QuadrantFactors, RegimeFactors, StageFactors
+from .effect_tables import EffectTable
 
 _PLAIN_CHARACTERS = frozenset(
     "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 _-+.:,()"
 )
+
+
+_CELLS = 8  # to a line of a table
 
 
 def literal(value: float) -> str:
@@ -41,14 +48,18 @@ def comment(text: str) -> str:
     return "".join(c if c in _PLAIN_CHARACTERS else "?" for c in text)
 
 
-def stage_tables(stages: Sequence[StageFactors]) -> str:
-    """Return the tables of all stages."""
+def stage_tables(
+    stages: Sequence[StageFactors], effects: Sequence[EffectTable] = ()
+) -> str:
+    """Return the tables of all stages, with those of their effects."""
     blocks = []
     for number, stage in enumerate(stages):
         blocks.append(_stage_constants(number, stage))
+    for number, table in enumerate(effects):
+        blocks.append(_effect_constants(number, table))
     entries = []
     for number, stage in enumerate(stages):
-        entries.append(_stage_entry(number, stage))
+        entries.append(_stage_entry(number, stage, bool(effects)))
     blocks.append(
         "static const stage_factors stages[HMCVT_STAGES] = {\n"
         + ",\n".join(entries)
@@ -96,7 +107,7 @@ def _quadrant_entry(quadrant: QuadrantFactors, number: int, first_regime: int) -
     return f"    {{{literals},\n     &regimes_{number}[{first_regime}]}}"
 
 
-def _stage_entry(number: int, stage: StageFactors) -> str:
+def _stage_entry(number: int, stage: StageFactors, has_effects: bool) -> str:
     fields = [
         flag(stage.pump_on_row),
         flag(stage.reverse),
@@ -111,4 +122,51 @@ def _stage_entry(number: int, stage: StageFactors) -> str:
         numbers(stage.ratio_ends),
         f"quadrants_{number}",
     ]
+    if has_effects:
+        fields.append(f"&effects_{number}")
     return "    {" + ",\n     ".join(fields) + "}"
+
+
+def _effect_constants(number: int, table: EffectTable) -> str:
+    """Return what effects change in one stage."""
+    blocks = []
+    for axis, nodes in enumerate(table.axes):
+        blocks.append(
+            f"static const hmcvt_real effect_axis_{number}_{axis}[{nodes.size}] = {{\n"
+            + _lines([literal(value) for value in nodes.tolist()])
+            + "\n};\n"
+        )
+    for name, values in (("shift", table.shift), ("torque", table.torque)):
+        blocks.append(
+            f"static const float effect_{name}_{number}[{values.size}] = {{\n"
+            + _lines(_floats(values))
+            + "\n};\n"
+        )
+    axes = ", ".join(f"effect_axis_{number}_{axis}" for axis in range(3))
+    counts = ", ".join(str(nodes.size) for nodes in table.axes)
+    blocks.append(
+        f"static const effect_table effects_{number} = {{{{{axes}}}, {{{counts}}},\n"
+        f"    effect_shift_{number}, effect_torque_{number}}};\n"
+    )
+    return "".join(blocks)
+
+
+def _floats(values: NDArray[np.float32]) -> list[str]:
+    """Return single-precision literals; NAN where a table has no answer."""
+    literals = []
+    for value in values.ravel():
+        # The shortest digits that give the number back in single precision.
+        literals.append("NAN" if np.isnan(value) else f"{_digits(value)}f")
+    return literals
+
+
+def _digits(value: np.float32) -> str:
+    return np.format_float_scientific(value, unique=True, trim="0")
+
+
+def _lines(cells: Sequence[str]) -> str:
+    """Return cells that commas separate, eight to a line."""
+    lines = []
+    for start in range(0, len(cells), _CELLS):
+        lines.append("    " + ", ".join(cells[start : start + _CELLS]))
+    return ",\n".join(lines)

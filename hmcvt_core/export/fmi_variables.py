@@ -9,6 +9,7 @@ from ..model.model import EfficiencyModel
 from ..transmission import ranges
 from ..transmission.parameters import PARAMETER_RANGES
 from ..transmission.ranges import Range
+from .effect_tables import TABLE_LOAD, TABLE_SPEED
 
 REAL = "real"
 INTEGER = "integer"
@@ -74,11 +75,16 @@ _START_SPEED = 150.0  # [rad/s]
 _START_LOAD = 200.0  # [N m]
 
 
-def fmu_variables(model: EfficiencyModel) -> list[Variable]:
-    """Return the variables of a model in the order of their value references."""
+def fmu_variables(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
+    """Return the variables of a model in the order of their value references.
+
+    Args:
+        model: gives stages and parameters.
+        has_tables: whether tables of effects limit the inputs.
+    """
     return [
         Variable("time", REAL, "independent", "Simulation time", SECOND),
-        *_inputs(model),
+        *_inputs(model, has_tables),
         *_outputs(),
         *_parameters(model),
     ]
@@ -88,7 +94,9 @@ def _ends(limits: Range) -> tuple[float, float]:
     return limits.low, limits.high
 
 
-def _inputs(model: EfficiencyModel) -> list[Variable]:
+def _inputs(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
+    speed = TABLE_SPEED if has_tables else ranges.ENGINE_SPEED
+    load = TABLE_LOAD if has_tables else ranges.ANY_LOAD
     stages = ", ".join(f"{i} {name}" for i, name in enumerate(model.stages))
     return [
         Variable(
@@ -107,7 +115,7 @@ def _inputs(model: EfficiencyModel) -> list[Variable]:
             "Speed of the engine",
             SPEED,
             _START_SPEED,
-            _ends(ranges.ENGINE_SPEED),
+            _ends(speed),
         ),
         Variable(
             "load_torque",
@@ -116,7 +124,7 @@ def _inputs(model: EfficiencyModel) -> list[Variable]:
             "Output power / engine speed; negative in overrun",
             TORQUE,
             _START_LOAD,
-            _ends(ranges.ANY_LOAD),
+            _ends(load),
         ),
         Variable(
             "stage",

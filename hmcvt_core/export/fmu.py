@@ -13,8 +13,16 @@ from tempfile import TemporaryDirectory
 from ..errors import HmcvtError, InputError
 from ..files.atomic import write_atomically
 from ..model.model import EfficiencyModel
-from .c_model import MODEL_HEADER, MODEL_SOURCE, c_model, template
+from .c_model import (
+    MODEL_HEADER,
+    MODEL_SOURCE,
+    CModel,
+    c_model,
+    require_exportable,
+    template,
+)
 from .compiler import Target, build_shared, targets
+from .effect_tables import BOUND, Accuracy
 from .fmi_description import build_description, fmi2_description, fmi3_description
 from .fmi_variables import Variable, fmu_variables
 
@@ -27,8 +35,11 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def export_fmu(
-    model: EfficiencyModel, path: str | os.PathLike[str], fmi: int = 2
-) -> None:
+    model: EfficiencyModel,
+    path: str | os.PathLike[str],
+    fmi: int = 2,
+    bound: float = BOUND,
+) -> Accuracy | None:
     """Write a model as an FMU for co-simulation and model exchange.
 
     It holds the sources and a binary for this machine, and one for 64-bit Windows where
@@ -38,6 +49,10 @@ def export_fmu(
         model: all its stages are exported; the input `stage` numbers them from 0.
         path: file to write.
         fmi: version of the standard, 2 or 3.
+        bound: error of the efficiency that tables of effects may make [-].
+
+    Returns:
+        What the tables of effects keep, or None without effects.
 
     Raises:
         InputError: the model cannot be exported, there is no C compiler, or FMPy is missing.
@@ -47,16 +62,25 @@ def export_fmu(
     target = Path(path)
     if target.is_dir():
         raise InputError(f"{target}: is a folder")
-    write_atomically(target, fmu_bytes(model, fmi))
-
-
-def fmu_bytes(model: EfficiencyModel, fmi: int) -> bytes:
-    """Return the archive of a model that is valid by FMPy."""
+    require_exportable(model)
     headers = _fmi_headers()
     machines = targets()
-    variables = fmu_variables(model)
+    code = c_model(model, bound=bound)
+    write_atomically(target, _content(model, code, fmi, headers, machines))
+    return code.accuracy
+
+
+def _content(
+    model: EfficiencyModel,
+    code: CModel,
+    fmi: int,
+    headers: Path,
+    machines: Sequence[Target],
+) -> bytes:
+    """Return the archive of a model, which FMPy finds valid."""
+    variables = fmu_variables(model, code.accuracy is not None)
     identifier = f"hmcvt_{model.fingerprint}"
-    texts = _sources(model, variables, identifier, fmi)
+    texts = _sources(code, variables, identifier, fmi)
     names = [name for name in texts if name.endswith(".c")]
     entries = _descriptions(variables, _token(texts), identifier, names, fmi)
     for name, text in texts.items():
@@ -82,10 +106,9 @@ def _fmi_headers() -> Path:
 
 
 def _sources(
-    model: EfficiencyModel, variables: Sequence[Variable], identifier: str, fmi: int
+    code: CModel, variables: Sequence[Variable], identifier: str, fmi: int
 ) -> dict[str, str]:
     """Return the text of each source by file name; the token follows from them."""
-    code = c_model(model)
     references = []
     starts = {}
     for reference, variable in enumerate(variables):

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..model.model import EfficiencyModel
 from ..transmission import ranges
-from ..transmission.ranges import Array, OperatingPoints
+from ..transmission.ranges import Array, OperatingPoints, Range
 from ..transmission.stage import speed_ratio
+from .effect_tables import TABLE_LOAD, TABLE_SPEED, EffectTable
 
 COLUMNS = (
     "function",
@@ -29,6 +30,19 @@ _HIGHEST_POWER = 3e5  # of a demand [W]
 _NUDGE = 1e-4
 _STEEP = 1e-2
 _NAN = float("nan")
+
+
+class _Box(NamedTuple):
+    """Ranges of random inputs."""
+
+    speed: Range
+    load: Range
+    highest_demand: float
+
+
+_WHOLE_BOX = _Box(ranges.ENGINE_SPEED, ranges.ANY_LOAD, ranges.LOAD_TORQUE.high)
+# Demands stay off the stalls, next to which tables have no answer.
+_TABLE_BOX = _Box(TABLE_SPEED, TABLE_LOAD, 0.3 * TABLE_LOAD.high)
 
 
 class Status(IntEnum):
@@ -50,15 +64,22 @@ class Vector(NamedTuple):
     outputs: tuple[float, ...]
 
 
-def vectors_csv(model: EfficiencyModel, precision: str) -> str:
+TABLE_TOLERANCE = 0.02
+"""Tolerance of the self-test where tables hold effects, as a part of each quantity."""
+
+
+def vectors_csv(
+    model: EfficiencyModel, precision: str, effects: Sequence[EffectTable] = ()
+) -> str:
     """Return the self-test of a model as CSV.
 
     Args:
         model: all its stages are tested.
         precision: `double` or `single`; inputs are numbers of this precision.
+        effects: a table for each stage, or none.
     """
     lines = [f"fingerprint,{model.fingerprint}", ",".join(COLUMNS)]
-    for vector in vectors(model, precision):
+    for vector in _vectors(model, precision, effects):
         cells = [vector.function, str(vector.stage)]
         cells += _padded(vector.inputs, 4)
         cells.append(str(int(vector.status)))
@@ -72,13 +93,23 @@ def _padded(values: Sequence[float], count: int) -> list[str]:
     return cells + ["0.0"] * (count - len(cells))
 
 
-def vectors(model: EfficiencyModel, precision: str) -> Iterator[Vector]:
+def _vectors(
+    model: EfficiencyModel, precision: str, effects: Sequence[EffectTable]
+) -> Iterator[Vector]:
     """Yield points and demands of every stage, then inputs that are refused."""
     rng = np.random.default_rng(_SEED)
+    box = _TABLE_BOX if effects else _WHOLE_BOX
     for number, part in enumerate(model.without_meters().stages.values()):
-        yield from _predictions(part, number, _random_points(rng, part, precision))
-        yield from _best_strokes(part, number, _random_demands(rng, precision))
-        yield from _best_speeds(part, number, _random_outputs(rng, part, precision))
+        points = _random_points(rng, box, precision)
+        smooth = _is_smooth(part, points)
+        if effects:
+            smooth &= _is_close(part, effects[number], points)
+        kept = points.map(lambda values, smooth=smooth: values[smooth])
+        yield from _predictions(part, number, kept)
+        yield from _best_strokes(part, number, _random_demands(rng, box, precision))
+        if not effects:
+            outputs = _random_outputs(rng, part, precision)
+            yield from _best_speeds(part, number, outputs)
     yield from _refused(len(model.stages))
 
 
@@ -90,23 +121,35 @@ def _rounded(values: Array, precision: str) -> Array:
 
 
 def _random_points(
-    rng: np.random.Generator, model: EfficiencyModel, precision: str
+    rng: np.random.Generator, box: _Box, precision: str
 ) -> OperatingPoints:
-    """Return points in the whole working range at which a rounding error changes little."""
+    """Return points in the whole range of the inputs."""
     stroke = rng.uniform(-1.0, 1.0, _POINTS)
     stroke[:3] = (-1.0, 0.0, 1.0)
-    speed = rng.uniform(ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high, _POINTS)
-    load = rng.uniform(ranges.ANY_LOAD.low, ranges.ANY_LOAD.high, _POINTS)
+    speed = rng.uniform(box.speed.low, box.speed.high, _POINTS)
+    load = rng.uniform(box.load.low, box.load.high, _POINTS)
     usual = rng.random(_POINTS) < 0.5
     load[usual] = rng.uniform(-_USUAL_LOAD, _USUAL_LOAD, int(usual.sum()))
     load[:12] = 0.0
-    points = OperatingPoints(
+    return OperatingPoints(
         _rounded(stroke, precision),
         _rounded(speed, precision),
         _rounded(load, precision),
     )
-    smooth = _is_smooth(model, points)
-    return points.map(lambda values: values[smooth])
+
+
+def _is_close(
+    model: EfficiencyModel, table: EffectTable, points: OperatingPoints
+) -> Any:
+    """Return where a table gives the answer of the model well within the tolerance."""
+    closed = EfficiencyModel(model.stage, model.parameters).balance("closed form")
+    exact = model.solution_at(points)
+    corrected = table.corrected(closed, points)
+    close = np.isfinite(exact.efficiency) & np.isfinite(corrected.efficiency)
+    for values, others in zip(exact, corrected, strict=True):
+        scale = np.maximum(np.abs(values), 1.0)
+        close &= np.abs(others - values) < 0.5 * TABLE_TOLERANCE * scale
+    return close
 
 
 def _is_smooth(model: EfficiencyModel, points: OperatingPoints) -> Any:
@@ -139,11 +182,12 @@ def _predictions(
         yield Vector("predict", number, tuple(row[:3]), status, outputs)
 
 
-def _random_demands(rng: np.random.Generator, precision: str) -> Array:
+def _random_demands(rng: np.random.Generator, box: _Box, precision: str) -> Array:
     """Return engine speeds and load torques, shape (n, 2)."""
-    speed = rng.uniform(ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high, _DEMANDS)
-    load = np.exp(rng.uniform(0.0, np.log(ranges.LOAD_TORQUE.high), _DEMANDS))
-    load = np.clip(load, ranges.LOAD_TORQUE.low, ranges.LOAD_TORQUE.high)
+    speed = rng.uniform(box.speed.low, box.speed.high, _DEMANDS)
+    low = ranges.LOAD_TORQUE.low
+    load = np.exp(rng.uniform(np.log(low), np.log(box.highest_demand), _DEMANDS))
+    load = np.clip(load, low, box.highest_demand)
     return _rounded(np.column_stack([speed, load]), precision)
 
 

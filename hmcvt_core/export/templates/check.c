@@ -19,14 +19,15 @@
 
 /*
  * Largest difference, as a part of the larger of 1 and the quantity: predictions agree bit by bit in
- * double precision. Of a search the efficiency counts: two points may be as good.
+ * double precision, except for tables of effects. Of a search the efficiency counts: two points may
+ * be as good.
  */
 #if HMCVT_SINGLE_PRECISION
-static const double prediction_tolerance = 1e-4;
-static const double search_tolerance = 1e-4;
+static const double prediction_tolerance = ${single_tolerance};
+static const double search_tolerance = ${single_tolerance};
 #else
 static const double prediction_tolerance = ${prediction_tolerance};
-static const double search_tolerance = 1e-6;
+static const double search_tolerance = ${search_tolerance};
 #endif
 
 /* One row of vectors.csv. */

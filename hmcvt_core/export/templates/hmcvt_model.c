@@ -28,6 +28,9 @@
 #define STATES_ERRORS ${states_errors}
 #define STATES_DOMAIN ${states_domain}
 
+/* Whether tables hold what effects change on top of the closed form. */
+#define STATES_EFFECTS ${states_effects}
+
 /* y of an output at rest without load: the smallest number, so that no torque is 0 / 0. */
 #if HMCVT_SINGLE_PRECISION
 #define STANDING R(1.17549435e-38)
@@ -57,6 +60,16 @@ typedef struct {
     const regime_factors *regimes;
 } quadrant_factors;
 
+#if STATES_EFFECTS
+/* What effects change, at nodes over displacement ratio, engine speed and load torque. */
+typedef struct {
+    const hmcvt_real *axes[3];
+    int counts[3];
+    const float *shift;  /* of the displacement ratio */
+    const float *torque; /* of the engine, to add [N m] */
+} effect_table;
+#endif
+
 /* Factors of one stage. */
 typedef struct {
     bool pump_on_row;
@@ -71,6 +84,9 @@ typedef struct {
     hmcvt_real rest_ratio;           /* output speed ratio at which the unit on the row stands */
     hmcvt_real ratio_ends[2];        /* output speed ratio at full stroke, without slip */
     const quadrant_factors *quadrants;
+#if STATES_EFFECTS
+    const effect_table *effects;
+#endif
 } stage_factors;
 
 /* Regimes; RESTING: friction holds the motor or the output. */
@@ -594,9 +610,10 @@ static solution solve_on_row(const stage_factors *stage, const hmcvt_parameters 
 
 /* --- one stage --------------------------------------------------------------------------------- */
 
-static solution solve(const stage_factors *stage, const hmcvt_parameters *parameters,
-                      hmcvt_real displacement_ratio, hmcvt_real engine_speed,
-                      hmcvt_real load_torque)
+/* The closed form, without effects. */
+static solution solve_closed(const stage_factors *stage, const hmcvt_parameters *parameters,
+                             hmcvt_real displacement_ratio, hmcvt_real engine_speed,
+                             hmcvt_real load_torque)
 {
 #if PUMP_AT_ENGINE && PUMP_ON_ROW
     solution solved;
@@ -613,6 +630,86 @@ static solution solve(const stage_factors *stage, const hmcvt_parameters *parame
     return solve_on_row(stage, parameters, displacement_ratio, engine_speed, load_torque);
 #endif
 }
+
+#if STATES_EFFECTS
+
+/* Shift of the displacement ratio and torque to add; NaN where the tables have no answer. */
+typedef struct {
+    hmcvt_real shift;
+    hmcvt_real torque;
+} correction;
+
+/* The interval of an axis that holds a value; how far the value is along it. */
+static int interval_of(const effect_table *table, int axis, hmcvt_real value, hmcvt_real *part)
+{
+    const hmcvt_real *nodes = table->axes[axis];
+    const int last = table->counts[axis] - 2;
+    int interval = 0;
+    while ((interval < last) && (value > nodes[interval + 1])) {
+        interval++;
+    }
+    *part = (value - nodes[interval]) / (nodes[interval + 1] - nodes[interval]);
+    return interval;
+}
+
+/* Linear interpolation. A displacement ratio beyond full stroke is extrapolated. */
+static correction correction_at(const effect_table *table, hmcvt_real displacement_ratio,
+                                hmcvt_real engine_speed, hmcvt_real load_torque)
+{
+    const hmcvt_real values[3] = {displacement_ratio, engine_speed, load_torque};
+    correction sum = {R(0.0), R(0.0)};
+    hmcvt_real parts[3];
+    int first[3];
+    int axis;
+    int corner;
+    for (axis = 0; axis < 3; axis++) {
+        first[axis] = interval_of(table, axis, values[axis], &parts[axis]);
+    }
+    for (corner = 0; corner < 8; corner++) {
+        hmcvt_real weight = R(1.0);
+        int node = 0;
+        int rest = corner;
+        for (axis = 0; axis < 3; axis++) {
+            const int upper = rest % 2;
+            rest = rest / 2;
+            weight *= (upper == 1) ? parts[axis] : (R(1.0) - parts[axis]);
+            node = (node * table->counts[axis]) + first[axis] + upper;
+        }
+        sum.shift += weight * (hmcvt_real)table->shift[node];
+        sum.torque += weight * (hmcvt_real)table->torque[node];
+    }
+    if (!within(load_torque, table->axes[2][0], table->axes[2][table->counts[2] - 1])) {
+        sum.shift = NAN;
+    }
+    return sum;
+}
+
+static solution solve(const stage_factors *stage, const hmcvt_parameters *parameters,
+                      hmcvt_real displacement_ratio, hmcvt_real engine_speed,
+                      hmcvt_real load_torque)
+{
+    const correction effects =
+        correction_at(stage->effects, displacement_ratio, engine_speed, load_torque);
+    solution solved = no_solution();
+    if (!is_unknown(effects.shift)) {
+        solved = solve_closed(stage, parameters, displacement_ratio + effects.shift,
+                              engine_speed, load_torque);
+        solved.engine_torque += effects.torque;
+        solved.efficiency = efficiency_of(load_torque, solved.engine_torque);
+    }
+    return solved;
+}
+
+#else
+
+static solution solve(const stage_factors *stage, const hmcvt_parameters *parameters,
+                      hmcvt_real displacement_ratio, hmcvt_real engine_speed,
+                      hmcvt_real load_torque)
+{
+    return solve_closed(stage, parameters, displacement_ratio, engine_speed, load_torque);
+}
+
+#endif
 
 static bool valid_parameters(const hmcvt_parameters *parameters)
 {
@@ -1043,6 +1140,29 @@ static hmcvt_real held_on_row(const setting *at, hmcvt_real output, hmcvt_real l
 }
 #endif
 
+#if STATES_EFFECTS
+/* Steps that undo a shift: each leaves a small part of the error before it. */
+#define SHIFT_STEPS ${shift_steps}
+
+/* The displacement ratio that the effects shift to another; adds their torque. */
+static hmcvt_real unshifted(const effect_table *table, hmcvt_real shifted, hmcvt_real engine_speed,
+                            hmcvt_real load_torque, hmcvt_real *torque)
+{
+    hmcvt_real stroke = lower_of(higher_of(shifted, R(-1.0)), R(1.0));
+    correction effects = correction_at(table, stroke, engine_speed, load_torque);
+    int step;
+    for (step = 0; step < SHIFT_STEPS; step++) {
+        stroke = shifted - effects.shift;
+        effects = correction_at(table, stroke, engine_speed, load_torque);
+    }
+    *torque += effects.torque;
+    if (!(magnitude((stroke + effects.shift) - shifted) < R(${shift_tolerance}))) {
+        *torque = NAN;
+    }
+    return stroke;
+}
+#endif
+
 /* The demand of a search along engine speeds. */
 typedef struct {
     setting at;
@@ -1071,11 +1191,15 @@ static hmcvt_real held_torque(const demand *asked, hmcvt_real engine_speed, hmcv
     torque = held_on_row(at, output, load, &ratio);
 #endif
     exact = ratio / at->quadrant->flow_ratio;
+    torque *= engine_speed;
+#if STATES_EFFECTS
+    exact = unshifted(at->stage->effects, exact, engine_speed, load * engine_speed, &torque);
+#endif
     *stroke = lower_of(higher_of(exact, R(-1.0)), R(1.0));
     if (!(magnitude(exact - *stroke) < R(${edge}))) {
         torque = NAN;
     }
-    return torque * engine_speed;
+    return torque;
 }
 
 /* Whether engine speeds between two limits may give the output. */
