@@ -71,9 +71,7 @@ def _files(model: EfficiencyModel, code: CModel, precision: str) -> dict[str, st
     }
 
 
-def _readme(
-    model: EfficiencyModel, code: CModel, precision: str, vectors: int
-) -> str:
+def _readme(model: EfficiencyModel, code: CModel, precision: str, vectors: int) -> str:
     names = []
     for number, name in enumerate(model.stages):
         names.append(f" {number} `{c_text.comment(name)}`")

@@ -1,10 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Tables of what effects change on top of the closed form.
 
-The closed form has jumps, where the friction of a motor changes its direction. Effects move them to
-other displacement ratios. The tables therefore hold two things: the shift of the displacement ratio at
-which the closed form turns the output as fast as the effects let it, and the engine torque that the
-effects take then. Both are smooth where the jumps are not.
+The closed form has jumps where the friction of a motor changes its direction. Effects move them to
+other displacement ratios. The tables therefore hold two things: the shift to the displacement ratio
+at which the closed form turns the output as fast as the model with effects does, and the engine
+torque that the effects take then. Both are smooth where the jumps are not.
 """
 
 from collections.abc import Sequence
@@ -34,13 +34,13 @@ MEASURED_POINTS = 100_000
 _TRIAL_POINTS = 20_000
 _COMPARED_POINTS = 500
 _SEED = 20240503
-_MOST_NODES = 60_000  # of one stage: half a megabyte
+_MOST_NODES = 100_000  # of one stage: 800 KB
 _MOST_ROUNDS = 12
 _SPLIT = 0.5  # intervals with this part of the largest error are split
 _RESTING = 1e-9  # of the engine speed
 _FIRST_STROKES = np.linspace(-1.0, 1.0, 17)
 _FIRST_SPEEDS = np.linspace(TABLE_SPEED.low, TABLE_SPEED.high, 5)
-# Gears and friction change the direction of their losses at zero load: a node there keeps the corner.
+# Losses change their direction at zero load: a node keeps the corner.
 _FIRST_LOADS = np.array(
     [-500.0, -250.0, -100.0, -50.0, 0.0, 50.0, 100.0, 250.0, 500.0, 1000.0]
 )
@@ -87,8 +87,7 @@ class EffectTable:
 
     Attributes:
         axes: displacement ratio [-], engine speed [rad/s], load torque [N m].
-        shift: of the displacement ratio [-], shape of the axes; without an answer that of the
-            nearest node with one.
+        shift: of the displacement ratio [-], shape of the axes; NaN without an answer.
         torque: engine torque to add [N m], same shape.
     """
 
@@ -106,6 +105,7 @@ class EffectTable:
         torque = RegularGridInterpolator(self.axes, self.torque.astype(float))
         return shift(columns), torque(columns)
 
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def corrected(self, closed: BalanceSolver, points: OperatingPoints) -> Solution:
         """Return the closed form with the effects, as the exported code works it out.
 
@@ -210,26 +210,27 @@ def _table(model: EfficiencyModel, axes: Axes) -> EffectTable:
     torque = affected.engine_torque - closed.solve(moved).engine_torque
     torque = torque.reshape(shift.shape)
     known = np.isfinite(torque) & np.isfinite(shift)
-    nearest = _nearest_known(known)
     return EffectTable(
         axes,
-        shift[nearest].astype(np.float32),
-        torque[nearest].astype(np.float32),
+        _extended(shift, known).astype(np.float32),
+        _extended(torque, known).astype(np.float32),
     )
 
 
-def _nearest_known(known: NDArray[np.bool_]) -> tuple[NDArray[np.int64], ...]:
-    """Return for each node the nearest one with an answer, as indices.
+def _extended(values: Array, known: NDArray[np.bool_]) -> Array:
+    """Return values with those of the nearest known node at the nodes next to known ones.
 
-    Beyond a stall the closed form at the shifted stroke says that there is no answer.
+    So every cell with an answer at one node has numbers at all. In its part beyond a stall the
+    closed form at the shifted stroke mostly has no answer.
     """
     # Imported where used: it takes half a second.
-    from scipy.ndimage import distance_transform_edt
+    from scipy.ndimage import binary_dilation, distance_transform_edt
 
-    indices = distance_transform_edt(
+    nearest = distance_transform_edt(
         ~known, return_distances=False, return_indices=True
     )
-    return tuple(indices)
+    next_to_known = binary_dilation(known, np.ones((3, 3, 3), dtype=bool))
+    return np.where(next_to_known, values[tuple(nearest)], np.nan)
 
 
 def _bridged(shift: Array, rests: NDArray[np.bool_], axes: Axes) -> Array:

@@ -26,7 +26,6 @@ _SEED = 20240501
 _POINTS = 240  # of each stage
 _DEMANDS = 12  # of each stage and search
 _USUAL_LOAD = 400.0  # half of the points have loads up to this [N m]
-_HIGHEST_POWER = 3e5  # of a demand [W]
 _NUDGE = 1e-4
 _STEEP = 1e-2
 _NAN = float("nan")
@@ -38,11 +37,12 @@ class _Box(NamedTuple):
     speed: Range
     load: Range
     highest_demand: float
+    highest_power: float
 
 
-_WHOLE_BOX = _Box(ranges.ENGINE_SPEED, ranges.ANY_LOAD, ranges.LOAD_TORQUE.high)
-# Demands stay off the stalls, next to which tables have no answer.
-_TABLE_BOX = _Box(TABLE_SPEED, TABLE_LOAD, 0.3 * TABLE_LOAD.high)
+_WHOLE_BOX = _Box(ranges.ENGINE_SPEED, ranges.ANY_LOAD, ranges.LOAD_TORQUE.high, 3e5)
+# Demands stay off the stalls, next to which tables are less exact.
+_TABLE_BOX = _Box(TABLE_SPEED, TABLE_LOAD, 0.3 * TABLE_LOAD.high, 2e4)
 
 
 class Status(IntEnum):
@@ -107,9 +107,8 @@ def _vectors(
         kept = points.map(lambda values, smooth=smooth: values[smooth])
         yield from _predictions(part, number, kept)
         yield from _best_strokes(part, number, _random_demands(rng, box, precision))
-        if not effects:
-            outputs = _random_outputs(rng, part, precision)
-            yield from _best_speeds(part, number, outputs)
+        outputs = _random_outputs(rng, part, box, precision)
+        yield from _best_speeds(part, number, outputs)
     yield from _refused(len(model.stages))
 
 
@@ -201,13 +200,13 @@ def _best_strokes(
 
 
 def _random_outputs(
-    rng: np.random.Generator, model: EfficiencyModel, precision: str
+    rng: np.random.Generator, model: EfficiencyModel, box: _Box, precision: str
 ) -> Array:
     """Return output speeds and powers, shape (n, 2)."""
     low, high = ranges.ENGINE_SPEED_LIMITS
     stroke = rng.uniform(-1.0, 1.0, _DEMANDS)
     speed = speed_ratio(model.stage, stroke) * rng.uniform(low, high, _DEMANDS)
-    power = np.exp(rng.uniform(np.log(500.0), np.log(_HIGHEST_POWER), _DEMANDS))
+    power = np.exp(rng.uniform(np.log(500.0), np.log(box.highest_power), _DEMANDS))
     demands = _rounded(np.column_stack([speed, power]), precision)
     return demands[ranges.OUTPUT_SPEED.contains(np.abs(demands[:, 0]))]
 
