@@ -98,23 +98,6 @@ def sample_names(diagnosis: Diagnosis, samples: Any) -> list[str]:
     return [f"{prefix}test {number}" for number in range(1, len(samples) + 1)]
 
 
-def stages_of(samples: Any) -> list[str]:
-    """Return the stages that samples name, in the order of their first sample."""
-    stage = getattr(samples, "extra", {}).get("stage")
-    if stage is None:
-        return []
-    return list(dict.fromkeys(map(str, stage)))
-
-
-def main_stage(samples: Any) -> str | None:
-    """Return the stage with most samples; None where they name none."""
-    stages = stages_of(samples)
-    if not stages:
-        return None
-    names = [str(name) for name in samples.extra["stage"]]
-    return max(stages, key=names.count)
-
-
 def in_words(
     diagnosis: Diagnosis, samples: Any, values: Array, rows: Rows
 ) -> list[str]:

@@ -12,10 +12,11 @@ import numpy as np
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
+from ..diagnosis.results.stages import main_stage, stages_of
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..diagnosis.system import Axis
 from ..transmission.ranges import Array
-from .axes import Rows, in_words, main_stage, picked, scale_of, shown, stages_of
+from .axes import Rows, in_words, picked, scale_of, shown
 from .style import BLUE, GAP_COLOURS, INK, ORANGE, few_ticks, icon, styled, to_svg
 
 Figures = tuple[list[str], list[tuple[str, str]]]

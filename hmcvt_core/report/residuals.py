@@ -9,9 +9,10 @@ import numpy as np
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
+from ..diagnosis.results.stages import mean_and_rms, residuals_by_stage, stages_of
 from ..diagnosis.system import Axis
 from ..transmission.ranges import Array
-from .axes import in_words, picked, sample_names, scale_of, shown, stages_of, step
+from .axes import in_words, picked, sample_names, scale_of, shown, step
 from .gap_map import Figures
 from .style import BLUE, few_ticks, styled, to_svg
 
@@ -89,22 +90,13 @@ def stage_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
     Empty where the samples are of one stage.
     """
     samples = diagnosis.judged
-    stages = stages_of(samples)
-    if len(stages) < 2:
-        return []
-    of_sample = np.array([str(name) for name in samples.extra["stage"]])
-    rows = []
-    for stage in stages:
-        row = [stage, str(int((of_sample == stage).sum()))]
-        for values in _panels(diagnosis).values():
-            known = values[(of_sample == stage) & np.isfinite(values)]
-            if len(known) == 0:
-                row += [words.NOTHING, words.NOTHING]
-                continue
-            row.append(words.amount(diagnosis, float(known.mean()), sign=True))
-            row.append(words.amount(diagnosis, float(np.sqrt(np.mean(known**2)))))
-        rows.append(tuple(row))
-    return rows
+    rows: dict[str, list[Any]] = {}
+    for values in _panels(diagnosis).values():
+        for stage, residuals in residuals_by_stage(samples, values).items():
+            row = rows.setdefault(stage, [stage, str(len(residuals))])
+            size = mean_and_rms(diagnosis, residuals)
+            row += size or (words.NOTHING, words.NOTHING)
+    return [tuple(row) for row in rows.values()]
 
 
 def stage_head(diagnosis: Diagnosis) -> list[str]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
+from ..diagnosis.results.stages import main_stage, stages_of
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM, Array
-from .axes import main_stage, stages_of
 from .losses import Balance, lost_power, scale, stack, worth_drawing
 from .style import few_ticks, icon, loss_style, styled, to_svg
 

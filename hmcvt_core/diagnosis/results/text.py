@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ..design.advice import Advice, NextTest, point_in_words
 from ..design.advice import named as named
 from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
@@ -32,6 +30,7 @@ from .sentences import fraction_interval as fraction_interval
 from .sentences import mechanic as mechanic
 from .sentences import region_words as region_words
 from .sentences import verdict as verdict
+from .stages import mean_and_rms, residuals_by_stage
 
 REPORTED_PROBABILITY = 0.01
 REPORTED_SETS = 5
@@ -129,32 +128,25 @@ def _region_row(region: Region, outcome: Outcome) -> list[str]:
 
 def _stage_lines(outcome: Outcome) -> list[str]:
     """Return a line for the residuals of each stage; none where all samples are of one."""
-    column = getattr(outcome.judged, "extra", {}).get("stage")
-    if column is None:
-        return []
-    stage = np.array([str(name) for name in column])
-    names = list(dict.fromkeys(stage.tolist()))
-    if len(names) == 1:
-        return []
-    lines = []
-    for name in names:
-        before = outcome.residuals_before[stage == name]
-        after = outcome.residuals_after[stage == name]
-        title = "stages" if name == names[0] else ""
-        line = f"{title:<{MARGIN}}{name}: {len(before)} samples, {_residuals(outcome, before)}"
+    before = residuals_by_stage(outcome.judged, outcome.residuals_before)
+    after = residuals_by_stage(outcome.judged, outcome.residuals_after)
+    lines: list[str] = []
+    for stage, residuals in before.items():
+        title = "" if lines else "stages"
+        size = _residuals(outcome, residuals)
+        line = f"{title:<{MARGIN}}{stage}: {len(residuals)} samples, {size}"
         if outcome.verdict != "no_gap":
-            line += f"; with the leading set {_residuals(outcome, after)}"
+            line += f"; with the leading set {_residuals(outcome, after[stage])}"
         lines.append(line)
     return lines
 
 
 def _residuals(outcome: Outcome, residuals: Array) -> str:
     """Return mean and rms of residuals in words."""
-    known = residuals[np.isfinite(residuals)]
-    if len(known) == 0:
+    size = mean_and_rms(outcome, residuals)
+    if size is None:
         return "no answer of the model"
-    mean = amount(outcome, float(known.mean()), sign=True)
-    rms = amount(outcome, float(np.sqrt(np.mean(known**2))))
+    mean, rms = size
     return f"mean {mean}, rms {rms}"
 
 
