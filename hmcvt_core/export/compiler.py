@@ -13,6 +13,8 @@ from ..errors import InputError
 
 WINDOWS_CROSS_COMPILER = "x86_64-w64-mingw32-gcc"
 _SHARED = ("-shared", "-std=c99", "-O2", "-ffp-contract=off")
+# A simulator may load several FMUs into one name space: only functions of FMI are visible.
+_NATIVE_OPTIONS = ("-fPIC", "-fvisibility=hidden")
 
 
 class Target(NamedTuple):
@@ -40,11 +42,11 @@ def targets() -> list[Target]:
         InputError: there is no C compiler for this machine.
     """
     native = _native(_native_compiler())
-    found = [native]
+    machines = [native]
     cross = shutil.which(WINDOWS_CROSS_COMPILER)
     if cross is not None and native.fmi2 != "win64":
-        found.append(_windows(cross))
-    return found
+        machines.append(_windows(cross))
+    return machines
 
 
 def _native_compiler() -> str:
@@ -74,9 +76,11 @@ def _native(compiler: str) -> Target:
     if system == "Windows":
         return _windows(compiler)
     if system == "Darwin":
-        return Target("darwin64", f"{processor}-darwin", ".dylib", compiler, ("-fPIC",))
+        return Target(
+            "darwin64", f"{processor}-darwin", ".dylib", compiler, _NATIVE_OPTIONS
+        )
     fmi2 = "linux64" if processor == "x86_64" else f"{processor}-linux"
-    return Target(fmi2, f"{processor}-linux", ".so", compiler, ("-fPIC",))
+    return Target(fmi2, f"{processor}-linux", ".so", compiler, _NATIVE_OPTIONS)
 
 
 def build_shared(

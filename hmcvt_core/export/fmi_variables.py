@@ -71,8 +71,10 @@ class Variable:
         return "continuous" if self.kind == REAL else "discrete"
 
 
+# Where every shipped stage has an answer: some simulators stop at a NaN before the first step.
+_START_STROKE = 1.0
 _START_SPEED = 150.0  # [rad/s]
-_START_LOAD = 200.0  # [N m]
+_START_LOAD = 50.0  # [N m]
 
 
 def fmu_variables(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
@@ -105,7 +107,7 @@ def _inputs(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
             "input",
             "Pump stroke, a fraction of full stroke",
             PLAIN,
-            0.0,
+            _START_STROKE,
             _ends(ranges.DISPLACEMENT_RATIO),
         ),
         Variable(

@@ -159,7 +159,7 @@ static int has_fingerprint(const char *line)
            (strncmp(line + strlen(prefix), hmcvt_fingerprint, length) == 0);
 }
 
-/* Compare every row; returns how many there are, or -1 after a message. */
+/* Compare every row; returns their count, or -1 after a message. */
 static long compare(FILE *file, double *largest)
 {
     char line[LONGEST_LINE];

@@ -595,7 +595,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
     return unsupported(instance);
 }
 
-/* --- clocks: there are none -------------------------------------------------------------------- */
+/* --- clocks: the model has none ---------------------------------------------------------------- */
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance,
                                   const fmi3ValueReference valueReferences[],

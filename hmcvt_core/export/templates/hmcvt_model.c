@@ -19,6 +19,8 @@
 
 /* A literal in the precision of the model. */
 #define R(literal) ((hmcvt_real)(literal))
+#define UNKNOWN R(NAN)
+#define UNBOUNDED R(INFINITY)
 
 /* Layouts that the stages of this model have. */
 #define PUMP_AT_ENGINE ${pump_at_engine}
@@ -217,7 +219,7 @@ static hmcvt_real pump_torque(const setting *at, hmcvt_real ratio, hmcvt_real ou
     return pump_torque_at(at, ratio, output, pressure_at(at, ratio, output), turning);
 }
 
-/* y, NaN where there is none, and the regime in which it holds. */
+/* y, NaN without a steady state, and the regime in which it holds. */
 typedef struct {
     hmcvt_real output;
     int regime;
@@ -257,7 +259,7 @@ typedef struct {
 
 static hmcvt_real efficiency_of(hmcvt_real load_torque, hmcvt_real engine_torque)
 {
-    hmcvt_real efficiency = NAN;
+    hmcvt_real efficiency = UNKNOWN;
     if (load_torque >= R(0.0)) {
         if (engine_torque > R(0.0)) {
             efficiency = load_torque / engine_torque;
@@ -283,7 +285,7 @@ static solution solution_of(const setting *at, hmcvt_real output, hmcvt_real eng
 
 static solution no_solution(void)
 {
-    const solution none = {NAN, NAN, NAN};
+    const solution none = {UNKNOWN, UNKNOWN, UNKNOWN};
     return none;
 }
 
@@ -298,7 +300,7 @@ static hmcvt_real engine_root(const setting *at, int regime, hmcvt_real ratio, h
     const hmcvt_real middle =
         (constants.level + (constants.flow * ratio)) / constants.square;
     const hmcvt_real inside = (middle * middle) - (load / constants.square);
-    hmcvt_real output = NAN;
+    hmcvt_real output = UNKNOWN;
     if (inside >= R(0.0)) {
         output = R(2.0) * middle;
         if (load != R(0.0)) {
@@ -362,7 +364,7 @@ static steady_state engine_state(const setting *at, hmcvt_real ratio, hmcvt_real
     }
     if (!((steady.output * at->quadrant->sense) > R(0.0))) {
         if (load != R(0.0)) {
-            steady.output = NAN;
+            steady.output = UNKNOWN;
         } else if (steady.output == R(0.0)) {
             steady.output = STANDING;
         } else {
@@ -453,7 +455,7 @@ static hmcvt_real row_root(const setting *at, int regime, hmcvt_real ratio, hmcv
     const hmcvt_real square = square_of(at, regime, ratio);
     const hmcvt_real middle = level_of(at, regime, ratio) / square;
     const hmcvt_real inside = (middle * middle) - (load / square);
-    hmcvt_real output = NAN;
+    hmcvt_real output = UNKNOWN;
     if ((inside >= R(0.0)) && (square > R(0.0))) {
         output = R(2.0) * middle;
         if (load != R(0.0)) {
@@ -503,12 +505,12 @@ static steady_state reversed_state(const setting *at, hmcvt_real ratio, hmcvt_re
     }
     bound = ROUNDING * at->stiffness * steady.output;
     if ((pressure_at(at, ratio, steady.output) > bound) || (is_motored && (pump > bound))) {
-        steady.output = NAN;
+        steady.output = UNKNOWN;
     }
     return steady;
 }
 
-/* The state while the pump turns forward; NaN where there is none. */
+/* The state while the pump turns forward; NaN without one. */
 static steady_state forward_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
     steady_state steady;
@@ -529,7 +531,7 @@ static steady_state forward_state(const setting *at, hmcvt_real ratio, hmcvt_rea
 /* The state with the pump turned backward; NaN where it does not turn so. */
 static steady_state backward_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
-    steady_state steady = {NAN, BACKWARD};
+    steady_state steady = {UNKNOWN, BACKWARD};
     int regime;
     for (regime = BACKWARD_MOTORED; regime >= BACKWARD; regime--) {
         const hmcvt_real candidate = row_root(at, regime, ratio, load);
@@ -578,7 +580,7 @@ static solution solve_on_row(const stage_factors *stage, const hmcvt_parameters 
     hmcvt_real ratio;
     const bool has_sense = row_quadrant(stage, parameters, displacement_ratio, &at, &ratio);
     const hmcvt_real load = load_torque / engine_speed;
-    steady_state steady = {NAN, RESTING};
+    steady_state steady = {UNKNOWN, RESTING};
     solution solved = no_solution();
     if (!beyond_pole(&at, ratio)) {
         if (has_sense) {
@@ -679,7 +681,7 @@ static correction correction_at(const effect_table *table, hmcvt_real displaceme
         sum.torque += weight * (hmcvt_real)table->torque[node];
     }
     if (!within(load_torque, table->axes[2][0], table->axes[2][table->counts[2] - 1])) {
-        sum.shift = NAN;
+        sum.shift = UNKNOWN;
     }
     return sum;
 }
@@ -823,7 +825,7 @@ static hmcvt_real error_of(const hmcvt_parameters *parameters, int stage,
             variance += slopes[i] * correlation[i][j] * slopes[j];
         }
     }
-    return depends ? square_root(higher_of(variance, R(0.0))) : (hmcvt_real)NAN;
+    return depends ? square_root(higher_of(variance, R(0.0))) : UNKNOWN;
 }
 #endif
 
@@ -834,7 +836,7 @@ int hmcvt_efficiency_std(const hmcvt_parameters *parameters, int stage,
     hmcvt_prediction predicted;
     const int status = hmcvt_predict_with(parameters, stage, displacement_ratio, engine_speed,
                                           load_torque, &predicted);
-    *out = NAN;
+    *out = UNKNOWN;
 #if STATES_ERRORS
     if (status == HMCVT_OK) {
         *out = error_of(parameters, stage, displacement_ratio, engine_speed, load_torque,
@@ -862,7 +864,7 @@ typedef struct {
     hmcvt_real reach;
 } stroke_line;
 
-/* A place on such a line, and the efficiency there. */
+/* A point of such a line, and the efficiency at it. */
 typedef struct {
     hmcvt_real efficiency;
     hmcvt_real way;
@@ -984,7 +986,7 @@ static hmcvt_real best_stroke(const stage_factors *stage, const hmcvt_parameters
                               hmcvt_real engine_speed, hmcvt_real load_torque)
 {
     hmcvt_real ends[2];
-    hmcvt_real stroke = NAN;
+    hmcvt_real stroke = UNKNOWN;
     stroke_candidate best = {R(0.0), R(0.0)};
     int side;
     resting_ratios(stage, parameters, load_torque / engine_speed, ends);
@@ -1011,9 +1013,9 @@ static hmcvt_real best_stroke(const stage_factors *stage, const hmcvt_parameters
 /* An optimum that is not known. */
 static void clear_optimum(hmcvt_optimum *out)
 {
-    out->displacement_ratio = NAN;
-    out->efficiency = NAN;
-    out->engine_speed = NAN;
+    out->displacement_ratio = UNKNOWN;
+    out->efficiency = UNKNOWN;
+    out->engine_speed = UNKNOWN;
 }
 
 int hmcvt_optimal_displacement_ratio_with(const hmcvt_parameters *parameters, int stage,
@@ -1098,7 +1100,7 @@ static hmcvt_real held_at_engine(const setting *at, hmcvt_real output, hmcvt_rea
     const hmcvt_real motor = (output - at->quadrant->rest) / at->stage->hydraulic_ratio;
     const bool is_driven = !(motor > MOTOR_AT_REST);
     held_state held = held_in(at, DRIVING, output, load);
-    hmcvt_real torque = NAN;
+    hmcvt_real torque = UNKNOWN;
     if (is_driven) {
         held = held_in(at, DRIVEN, output, load);
         if (!(held.pressure >= R(0.0))) {
@@ -1121,7 +1123,7 @@ static hmcvt_real held_on_row(const setting *at, hmcvt_real output, hmcvt_real l
                               hmcvt_real *ratio)
 {
     held_state held = held_in(at, DRIVING, output, load);
-    hmcvt_real torque = NAN;
+    hmcvt_real torque = UNKNOWN;
     if (!drives(at, held.pressure, output)) {
         held = held_in(at, DRIVEN, output, load);
         if (!(held.pressure >= R(0.0))) {
@@ -1157,7 +1159,7 @@ static hmcvt_real unshifted(const effect_table *table, hmcvt_real shifted, hmcvt
     }
     *torque += effects.torque;
     if (!(magnitude((stroke + effects.shift) - shifted) < R(${shift_tolerance}))) {
-        *torque = NAN;
+        *torque = UNKNOWN;
     }
     return stroke;
 }
@@ -1176,7 +1178,7 @@ static hmcvt_real held_torque(const demand *asked, hmcvt_real engine_speed, hmcv
     const setting *at = &asked->at;
     const hmcvt_real output = (at->quadrant->reflection * asked->output_speed) / engine_speed;
     const hmcvt_real load = (asked->output_power / engine_speed) / engine_speed;
-    hmcvt_real ratio = NAN;
+    hmcvt_real ratio = UNKNOWN;
     hmcvt_real torque;
     hmcvt_real exact;
 #if PUMP_AT_ENGINE && PUMP_ON_ROW
@@ -1197,7 +1199,7 @@ static hmcvt_real held_torque(const demand *asked, hmcvt_real engine_speed, hmcv
 #endif
     *stroke = lower_of(higher_of(exact, R(-1.0)), R(1.0));
     if (!(magnitude(exact - *stroke) < R(${edge}))) {
-        torque = NAN;
+        torque = UNKNOWN;
     }
     return torque;
 }
@@ -1234,7 +1236,7 @@ static speed_candidate best_of_grid(const demand *asked, speed_interval *interva
     speed_candidate lowest;
     int i;
     lowest.engine_speed = interval->first;
-    lowest.power = INFINITY;
+    lowest.power = UNBOUNDED;
     for (i = 0; i <= SCAN_STEPS; i++) {
         const hmcvt_real engine_speed = interval->first + (step * (hmcvt_real)i);
         hmcvt_real stroke;
@@ -1251,7 +1253,7 @@ static speed_candidate best_of_grid(const demand *asked, speed_interval *interva
 
 /*
  * The intervals to search: on either side of the engine speed at which the unit on the row rests.
- * Friction sets a step there, and often a lowest point next to it. Returns how many there are.
+ * Friction sets a step there, and often a lowest point next to it. Returns their count.
  */
 static int intervals_of(const demand *asked, hmcvt_real low, hmcvt_real high,
                         speed_interval intervals[2])
@@ -1284,7 +1286,7 @@ static speed_candidate least_power(const demand *asked, hmcvt_real low, hmcvt_re
 {
     speed_interval intervals[2];
     const int count = intervals_of(asked, low, high, intervals);
-    speed_candidate best = {NAN, INFINITY};
+    speed_candidate best = {UNKNOWN, UNBOUNDED};
     bool is_possible = true;
     int grid;
     for (grid = 0; (grid < GRIDS) && is_possible; grid++) {
@@ -1295,7 +1297,7 @@ static speed_candidate least_power(const demand *asked, hmcvt_real low, hmcvt_re
                 best = lowest;
             }
         }
-        is_possible = best.power < INFINITY;
+        is_possible = best.power < UNBOUNDED;
     }
     return best;
 }
@@ -1324,7 +1326,7 @@ int hmcvt_optimal_engine_speed_with(const hmcvt_parameters *parameters, int stag
     if (status == HMCVT_OK) {
         const stage_factors *engaged = &stages[stage];
         const int backward = engaged->pump_on_row ? 1 : 2;
-        speed_candidate best = {NAN, INFINITY};
+        speed_candidate best = {UNKNOWN, UNBOUNDED};
         demand asked;
         asked.at = setting_of(engaged, (output_speed > R(0.0)) ? 0 : backward, parameters);
         asked.output_speed = output_speed;
@@ -1333,7 +1335,7 @@ int hmcvt_optimal_engine_speed_with(const hmcvt_parameters *parameters, int stag
         if (reaches(&asked, lowest_engine_speed, highest_engine_speed)) {
             best = least_power(&asked, lowest_engine_speed, highest_engine_speed);
         }
-        if (best.power < INFINITY) {
+        if (best.power < UNBOUNDED) {
             hmcvt_real stroke;
             const hmcvt_real torque = held_torque(&asked, best.engine_speed, &stroke);
             status = HMCVT_OK;

@@ -73,8 +73,8 @@ typedef struct {
  * engine_speed: ${engine_speed_range}.
  * load_torque: ${load_torque_range}.
  *
- * HMCVT_NO_ANSWER: there is no efficiency. Where the wheels in overrun give less than the losses
- * take, the other outputs are set; where the load is not carried, none is.
+ * HMCVT_NO_ANSWER: the efficiency is not defined. Where the wheels in overrun give less than the
+ * losses take, the other outputs are set; where the load is not carried, all are NaN.
  */
 int hmcvt_predict(int stage, hmcvt_real displacement_ratio, hmcvt_real engine_speed,
                   hmcvt_real load_torque, hmcvt_prediction *out);
