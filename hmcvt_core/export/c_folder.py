@@ -9,7 +9,7 @@ from ..version import __version__
 from . import c_text
 from .a2l import a2l_text
 from .c_model import MODEL_HEADER, MODEL_SOURCE, CModel, c_model, template
-from .effect_tables import BOUND, Accuracy
+from .effect_tables import BOUND, TABLES_REMARK, Accuracy
 from .folder import require_new, write_folder
 from .vectors import TABLE_TOLERANCE, vectors_csv
 
@@ -89,7 +89,4 @@ def _exactness(code: CModel) -> str:
     """Return how close the answers are to those of Python."""
     if code.accuracy is None:
         return "With it, double precision gives every bit of Python's answers."
-    return (
-        f"This model holds {code.accuracy.report()}. The tables belong to the parameters as "
-        "identified and to the oil temperature of the identification."
-    )
+    return f"This model holds {code.accuracy.report()}. {TABLES_REMARK}"

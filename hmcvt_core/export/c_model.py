@@ -24,6 +24,7 @@ from .effect_tables import (
     BOUND,
     TABLE_LOAD,
     TABLE_SPEED,
+    TABLES_REMARK,
     Accuracy,
     EffectTable,
     departs_from_closed_form,
@@ -111,7 +112,7 @@ def c_model(
     if departs_from_closed_form(model):
         tables, accuracy = effect_tables(model, bound)
         limits = _TABLE_RANGES
-        guarantee = accuracy.report().capitalize() + "."
+        guarantee = f"{accuracy.report().capitalize()}. {TABLES_REMARK}"
     values = _shared_values(model)
     header = template(MODEL_HEADER).substitute(
         values,

@@ -30,6 +30,11 @@ TABLE_SPEED = Range("engine_speed", 70.0, 240.0, "rad/s")
 TABLE_LOAD = Range("load_torque", -500.0, 1000.0, "N m")
 """Where tables reach: what a tractor engine does, and overrun."""
 
+TABLES_REMARK = (
+    "The tables belong to the parameters as identified, and to the oil temperature of the "
+    "identification."
+)
+
 MEASURED_POINTS = 100_000
 _TRIAL_POINTS = 20_000
 _COMPARED_POINTS = 500

@@ -2,6 +2,7 @@
 """modelDescription.xml of FMI 2.0 and 3.0, and the build description of 3.0."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,20 +16,33 @@ _STOP_TIME = 10.0  # of the default experiment [s]
 _STEP = 0.01
 
 
+class Identity(NamedTuple):
+    """What names an FMU.
+
+    Attributes:
+        token: the GUID, or instantiation token.
+        identifier: the model identifier, which names the binary.
+        description: of the model, for its user.
+    """
+
+    token: str
+    identifier: str
+    description: str
+
+
 def fmi2_description(
-    variables: Sequence[Variable], token: str, identifier: str, sources: Sequence[str]
+    variables: Sequence[Variable], identity: Identity, sources: Sequence[str]
 ) -> str:
     """Return modelDescription.xml of FMI 2.0.
 
     Args:
         variables: in the order of their value references.
-        token: the GUID.
-        identifier: the model identifier, which names the binary.
+        identity: token, identifier and description.
         sources: file names in the folder of sources.
     """
-    root = _root("2.0", {"guid": token})
+    root = _root("2.0", {"guid": identity.token}, identity.description)
     for kind in ("ModelExchange", "CoSimulation"):
-        interface = SubElement(root, kind, modelIdentifier=identifier)
+        interface = SubElement(root, kind, modelIdentifier=identity.identifier)
         interface.set("canGetAndSetFMUstate", "true")
         interface.set("canSerializeFMUstate", "true")
         if kind == "CoSimulation":
@@ -50,11 +64,12 @@ def fmi2_description(
     return _text(root)
 
 
-def fmi3_description(variables: Sequence[Variable], token: str, identifier: str) -> str:
+def fmi3_description(variables: Sequence[Variable], identity: Identity) -> str:
     """Return modelDescription.xml of FMI 3.0; arguments as of `fmi2_description`."""
-    root = _root("3.0", {"instantiationToken": token})
+    token = {"instantiationToken": identity.token}
+    root = _root("3.0", token, identity.description)
     for kind in ("ModelExchange", "CoSimulation"):
-        interface = SubElement(root, kind, modelIdentifier=identifier)
+        interface = SubElement(root, kind, modelIdentifier=identity.identifier)
         interface.set("canGetAndSetFMUState", "true")
         interface.set("canSerializeFMUState", "true")
         if kind == "CoSimulation":
@@ -89,14 +104,14 @@ def build_description(identifier: str, sources: Sequence[str]) -> str:
     return _text(root)
 
 
-def _root(fmi_version: str, token: dict[str, str]) -> Element:
+def _root(fmi_version: str, token: dict[str, str], description: str) -> Element:
     return Element(
         "fmiModelDescription",
         {
             "fmiVersion": fmi_version,
             "modelName": MODEL_NAME,
             **token,
-            "description": "Efficiency, losses and speeds of a hydromechanical CVT",
+            "description": description,
             "generationTool": f"hmcvt {__version__}",
             "variableNamingConvention": "flat",
         },

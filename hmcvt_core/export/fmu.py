@@ -22,8 +22,13 @@ from .c_model import (
     template,
 )
 from .compiler import Target, build_shared, targets
-from .effect_tables import BOUND, Accuracy
-from .fmi_description import build_description, fmi2_description, fmi3_description
+from .effect_tables import BOUND, TABLES_REMARK, Accuracy
+from .fmi_description import (
+    Identity,
+    build_description,
+    fmi2_description,
+    fmi3_description,
+)
 from .fmi_variables import Variable, fmu_variables
 
 VERSIONS = (2, 3)
@@ -82,7 +87,8 @@ def _content(
     identifier = f"hmcvt_{model.fingerprint}"
     texts = _sources(code, variables, identifier, fmi)
     names = [name for name in texts if name.endswith(".c")]
-    entries = _descriptions(variables, _token(texts), identifier, names, fmi)
+    identity = Identity(_token(texts), identifier, _description(model, code))
+    entries = _descriptions(variables, identity, names, fmi)
     for name, text in texts.items():
         entries[f"sources/{name}"] = text.encode()
     for machine in machines:
@@ -92,6 +98,14 @@ def _content(
     content = _archive(entries)
     _require_valid(content)
     return content
+
+
+def _description(model: EfficiencyModel, code: CModel) -> str:
+    """Return one line for the user of the FMU."""
+    text = f"Efficiency of a hydromechanical CVT: model {model.fingerprint}"
+    if code.accuracy is None:
+        return text
+    return f"{text}; {code.accuracy.report()}. {TABLES_REMARK}"
 
 
 def _fmi_headers() -> Path:
@@ -136,17 +150,16 @@ def _token(texts: Mapping[str, str]) -> str:
 
 def _descriptions(
     variables: Sequence[Variable],
-    token: str,
-    identifier: str,
+    identity: Identity,
     sources: Sequence[str],
     fmi: int,
 ) -> dict[str, bytes]:
     """Return the XML files by their names in the archive."""
     if fmi == 2:
-        text = fmi2_description(variables, token, identifier, sources)
+        text = fmi2_description(variables, identity, sources)
         return {"modelDescription.xml": text.encode()}
-    text = fmi3_description(variables, token, identifier)
-    build = build_description(identifier, sources)
+    text = fmi3_description(variables, identity)
+    build = build_description(identity.identifier, sources)
     return {
         "modelDescription.xml": text.encode(),
         "sources/buildDescription.xml": build.encode(),

@@ -2,80 +2,40 @@
 """Effects become tables whose bound holds; they are never left out."""
 
 import subprocess
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from cli.running import HM4, ROOT, TRACTOR, assert_refused, run
+from cli.running import HM4, assert_refused, run
 
 import hmcvt_core as hmcvt
 from export.c_library import Library, compile_c, needs_compiler
-from hmcvt_core import Effect, size
-from hmcvt_core.export.effect_tables import TABLE_LOAD, TABLE_SPEED
+from export.effect_cases import CASES, THREE_EFFECTS, affected_model, points_of_tables
+from hmcvt_core.export.effect_tables import BOUND, TABLE_SPEED
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
-from hmcvt_core.physics.effects.mechanical import ChargePump, ClutchDrag
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 pytestmark = needs_compiler
 
 POINTS = 30_000
-EFFECTS = (ChargePump(torque=4.0), ClutchDrag(torque=6.0), PortPressureDrop(drop=3e5))
-
-
-@dataclass(frozen=True)
-class Seal(Effect):
-    """A seal that drags on the engine with a torque that rises with speed, then levels out."""
-
-    name = "export_seal"
-    component = "gears"
-    summary = "a seal drags"
-    source = "made up"
-    remedy = "none"
-
-    torque: float = size("N m", 3.0, 0.0, 20.0, "drag at high speed")
-
-    def engine_drag(self, state):
-        return self.torque * np.tanh(state.engine_speed / 100.0)
-
-
-CASES = {
-    "three effects": (TRACTOR, EFFECTS, 0.002),
-    "pump on the row": (
-        ROOT / "params" / "output_coupled.yaml",
-        (ChargePump(torque=4.0), PortPressureDrop(drop=3e5)),
-        0.002,
-    ),
-    "effect of a user": (HM4, (Seal(torque=5.0),), 0.002),
-}
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request, tmp_path_factory):
-    path, effects, bound = CASES[request.param]
-    model = replace(hmcvt.load_model(path), effects=effects)
+    model = affected_model(request.param)
     folder = tmp_path_factory.mktemp("effects") / "c"
-    accuracy = hmcvt.export_c(model, folder, bound=bound)
-    return model, folder, accuracy, bound
-
-
-def random_points(seed):
-    rng = np.random.default_rng(seed)
-    return (
-        rng.uniform(-1.0, 1.0, POINTS),
-        rng.uniform(TABLE_SPEED.low, TABLE_SPEED.high, POINTS),
-        rng.uniform(TABLE_LOAD.low, TABLE_LOAD.high, POINTS),
-    )
+    accuracy = hmcvt.export_c(model, folder)
+    return model, folder, accuracy, Library(folder, model)
 
 
 def test_bound_holds_at_fresh_points(case):
-    model, folder, accuracy, bound = case
-    assert 0.0 < accuracy.bound <= bound
-    library = Library(folder, model)
+    model, _, accuracy, library = case
+    assert 0.0 < accuracy.bound <= BOUND
     errors = []
     differing = []
     for number, part in enumerate(model.stages.values()):
-        points = random_points(100 + number)
+        points = points_of_tables(100 + number, POINTS)
         answer, _ = library.predict(number, *points)
         solution = part.solution_at(OperatingPoints(*points))
         errors.append(np.abs(answer["efficiency"] - solution.efficiency))
@@ -83,23 +43,22 @@ def test_bound_holds_at_fresh_points(case):
         assert np.nanquantile(speed, 0.99) < 1e-3
         one = np.isnan(answer["engine_torque"]) != np.isnan(solution.engine_torque)
         differing.append(one)
-    assert np.nanquantile(np.concatenate(errors), 0.99) <= bound
+    assert np.nanquantile(np.concatenate(errors), 0.99) <= BOUND
     assert np.mean(np.concatenate(differing)) < 0.002
 
 
 def test_tables_matter(case):
     """Without them the error would be far larger than the bound."""
-    model, _, _, bound = case
-    points = random_points(7)
+    model = case[0]
+    points = points_of_tables(7, POINTS)
     part = next(iter(model.stages.values()))
     bare = replace(part, effects=())
     error = np.abs(bare.efficiency(*points) - part.efficiency(*points))
-    assert np.nanquantile(error, 0.99) > 2.0 * bound
+    assert np.nanquantile(error, 0.99) > 2.0 * BOUND
 
 
 def test_optimum_with_effects(case):
-    model, folder, _, bound = case
-    library = Library(folder, model)
+    model, _, _, library = case
     rng = np.random.default_rng(3)
     speed = rng.uniform(80.0, 230.0, 20)
     load = rng.uniform(30.0, 300.0, 20)
@@ -109,7 +68,7 @@ def test_optimum_with_effects(case):
         known = np.isfinite(best.efficiency)
         assert np.array_equal(np.isfinite(answer["efficiency"]), known)
         error = np.abs(answer["efficiency"] - best.efficiency)[known]
-        assert np.all(error < 2.0 * bound)
+        assert np.all(error < 2.0 * BOUND)
 
 
 def test_self_test_passes_and_says_the_bound(case):
@@ -128,24 +87,24 @@ def test_self_test_passes_and_says_the_bound(case):
 
 
 def test_inputs_beyond_the_tables_are_out_of_range(case):
-    model, folder, _, _ = case
-    library = Library(folder, model)
+    library = case[3]
     for point in ((0.1, 30.0, 100.0), (0.1, 300.0, 100.0), (0.1, 150.0, 2000.0)):
         _, status = library.predict(0, *(np.array([value]) for value in point))
         assert status[0] == 2
 
 
 def test_single_precision(tmp_path):
-    model = replace(hmcvt.load_model(HM4), effects=EFFECTS)
+    model = replace(hmcvt.load_model(HM4), effects=THREE_EFFECTS)
     hmcvt.export_c(model, tmp_path / "c", "single")
-    answer, _ = Library(tmp_path / "c", model, "single").predict(0, *random_points(9))
-    error = np.abs(answer["efficiency"] - model.efficiency(*random_points(9)))
+    points = points_of_tables(9, POINTS)
+    answer, _ = Library(tmp_path / "c", model, "single").predict(0, *points)
+    error = np.abs(answer["efficiency"] - model.efficiency(*points))
     assert np.nanquantile(error, 0.99) < 0.002
 
 
 def test_command_prints_the_bound(tmp_path):
     path = tmp_path / "model.yaml"
-    hmcvt.save_model(replace(hmcvt.load_model(HM4), effects=EFFECTS), path)
+    hmcvt.save_model(replace(hmcvt.load_model(HM4), effects=THREE_EFFECTS), path)
     out = tmp_path / "c"
     done = run("export", "--params", path, "--format", "c", "--out", out)
     assert done.code == 0, done.err
@@ -164,7 +123,7 @@ def test_too_small_a_bound_is_one_line(tmp_path):
 def test_errors_of_meters_stay_with_the_bench(tmp_path):
     model = replace(hmcvt.load_model(HM4), effects=(EngineTorqueGain(gain=0.02),))
     assert hmcvt.export_c(model, tmp_path / "c") is None
-    points = random_points(11)
+    points = points_of_tables(11, POINTS)
     answer, _ = Library(tmp_path / "c", model).predict(0, *points)
     expected = model.without_meters().efficiency(*points)
     np.testing.assert_array_equal(answer["efficiency"], expected)
@@ -172,7 +131,7 @@ def test_errors_of_meters_stay_with_the_bench(tmp_path):
 
 def test_fmu_holds_the_effects(tmp_path):
     fmpy = pytest.importorskip("fmpy")
-    model = replace(hmcvt.load_model(HM4), effects=EFFECTS)
+    model = replace(hmcvt.load_model(HM4), effects=THREE_EFFECTS)
     path = tmp_path / "hm4.fmu"
     accuracy = hmcvt.export_fmu(model, path)
     assert accuracy is not None
@@ -186,5 +145,7 @@ def test_fmu_holds_the_effects(tmp_path):
         output=["efficiency"],
         stop_time=0.1,
     )
+    description = fmpy.read_model_description(str(path)).description
+    assert accuracy.report() in description
     expected = model.efficiency(0.4, 150.0, 200.0)
     assert abs(result["efficiency"][-1] - expected) < 0.002
