@@ -54,8 +54,9 @@ def test_self_test_passes_on_a_cortex_m4(exported, name, precision, tmp_path):
 
 
 @needs("cppcheck")
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("name", ["tractor", "output_coupled"])
+@pytest.mark.parametrize(
+    ("name", "precision"), [("tractor", "double"), ("output_coupled", "single")]
+)
 def test_misra_rules_that_are_mandatory_or_required(exported, name, precision):
     done = subprocess.run(
         [
