@@ -112,7 +112,7 @@ def c_model(
     if departs_from_closed_form(model):
         tables, accuracy = effect_tables(model, bound)
         limits = _TABLE_RANGES
-        guarantee = f"{accuracy.report().capitalize()}. {TABLES_REMARK}"
+        guarantee = f"The model holds {accuracy.report()}. {TABLES_REMARK}"
     values = _shared_values(model)
     header = template(MODEL_HEADER).substitute(
         values,

@@ -5,7 +5,10 @@
  * referred to the engine shaft: output power / engine speed. It is negative in overrun.
  *
  * C99. No function allocates memory, calls itself or keeps a state: all may run in parallel and in
- * interrupts. Every loop is bounded. ${guarantee}
+ * interrupts. Every loop is bounded.
+ *
+ * ${guarantee}
+ *
  * Compile with -std=c99 or -ffp-contract=off, and without -ffast-math.
  */
 #ifndef HMCVT_MODEL_H
