@@ -3,6 +3,7 @@
 
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -24,14 +25,14 @@ class Target(NamedTuple):
         fmi2: folder of its binaries in FMI 2.0.
         fmi3: the same in FMI 3.0.
         suffix: of a shared library.
-        compiler: path of the compiler.
+        compiler: path of the compiler, and words that CC states behind it.
         options: further options of the compiler.
     """
 
     fmi2: str
     fmi3: str
     suffix: str
-    compiler: str
+    compiler: tuple[str, ...]
     options: tuple[str, ...]
 
 
@@ -45,23 +46,30 @@ def targets() -> list[Target]:
     machines = [native]
     cross = shutil.which(WINDOWS_CROSS_COMPILER)
     if cross is not None and native.fmi2 != "win64":
-        machines.append(_windows(cross))
+        machines.append(_windows((cross,)))
     return machines
 
 
-def _native_compiler() -> str:
-    """Return the path of a C compiler: that of the variable CC, or a usual one."""
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
-        path = shutil.which(name) if name else None
+def _native_compiler() -> tuple[str, ...]:
+    """Return the command of a C compiler: that of the variable CC, or a usual one."""
+    chosen = os.environ.get("CC")
+    if chosen:
+        program, *words = shlex.split(chosen)
+        path = shutil.which(program)
+        if path is None:
+            raise InputError(f"CC = {chosen!r} is not a program on this machine")
+        return (path, *words)
+    for name in ("cc", "gcc", "clang"):
+        path = shutil.which(name)
         if path is not None:
-            return path
+            return (path,)
     raise InputError(
         "no C compiler (CC, cc, gcc or clang) on this machine; an FMU holds a binary: "
         "install one, such as gcc"
     )
 
 
-def _windows(compiler: str) -> Target:
+def _windows(compiler: tuple[str, ...]) -> Target:
     # Without a time stamp, and without an address that follows from the name of the file, the
     # same model gives the same bytes.
     linking = "-Wl,--no-insert-timestamp,--disable-auto-image-base"
@@ -69,7 +77,7 @@ def _windows(compiler: str) -> Target:
     return Target("win64", "x86_64-windows", ".dll", compiler, options)
 
 
-def _native(compiler: str) -> Target:
+def _native(compiler: tuple[str, ...]) -> Target:
     machine = platform.machine().lower()
     processor = "aarch64" if machine in ("arm64", "aarch64") else "x86_64"
     system = platform.system()
@@ -99,7 +107,7 @@ def build_shared(
         InputError: the compiler fails; its first line is given.
     """
     command = [
-        target.compiler,
+        *target.compiler,
         *_SHARED,
         *target.options,
         "-DFMI2_OVERRIDE_FUNCTION_PREFIX",
@@ -115,4 +123,4 @@ def build_shared(
     )
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines() or ["no message"]
-        raise InputError(f"{target.compiler} fails: {lines[0]}")
+        raise InputError(f"{target.compiler[0]} fails: {lines[0]}")

@@ -23,7 +23,8 @@ def require_new(folder: Path) -> None:
 def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
     """Write a new folder of text files.
 
-    The files are written to a temporary folder next to it, which takes the name at the end.
+    The files are written to a temporary folder next to it, which takes the name at the end. A
+    process that is killed leaves the temporary folder, and nothing under the name.
 
     Args:
         folder: does not exist.
@@ -36,12 +37,24 @@ def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
     require_new(folder)
     parent = folder.absolute().parent
     temporary = parent / f".{folder.name}.{secrets.token_hex(4)}.tmp"
-    temporary.mkdir()
     try:
+        temporary.mkdir()
         for name, text in texts.items():
-            (temporary / name).write_text(text, encoding="utf-8", newline="\n")
+            _write_file(temporary / name, text)
         temporary.rename(folder)
+    except OSError as error:
+        shutil.rmtree(temporary, ignore_errors=True)
+        # The user knows the folder asked for, not the temporary one next to it.
+        raise OSError(error.errno, error.strerror, str(folder)) from error
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
     sync_folder(parent)
+
+
+def _write_file(path: Path, text: str) -> None:
+    """Write a file and wait until it is on disk."""
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())

@@ -1,8 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The folder of C: it compiles anywhere, tests itself, and is written whole or not at all."""
 
+import errno
 import shutil
+import signal
 import subprocess
+import sys
 
 import pytest
 from cli.running import HM4, TRACTOR, assert_refused, run
@@ -151,6 +154,37 @@ def test_published_formulas_are_refused(tmp_path):
     with pytest.raises(hmcvt.InputError, match="precision"):
         hmcvt.export_c(model, tmp_path / "c", "half")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    done = run("export", "--params", HM4, "--format", "c", "--out", tmp_path / "c")
+    assert_refused(done, "c: No space left on device")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_export_leaves_nothing_under_the_name(tmp_path):
+    program = """
+import os, signal, sys
+from pathlib import Path
+from hmcvt_core.export.folder import write_folder
+
+class Texts(dict):
+    def items(self):
+        yield "a.txt", "whole"
+        os.kill(os.getpid(), signal.SIGKILL)
+
+write_folder(Path(sys.argv[1]), Texts())
+"""
+    target = tmp_path / "c"
+    done = subprocess.run([sys.executable, "-c", program, target])
+    assert done.returncode == -signal.SIGKILL
+    assert not target.exists()
+    write_folder(target, {"a.txt": "whole"})
+    assert (target / "a.txt").read_text() == "whole"
 
 
 def test_folder_is_written_whole_or_not_at_all(tmp_path):

@@ -324,7 +324,13 @@ def test_a_compiler_that_fails_is_one_line(tmp_path, monkeypatch):
     out = tmp_path / "a.fmu"
     done = run("export", "--params", HM4, "--format", "fmu", "--out", out)
     assert_refused(done, "false fails: no message")
+    monkeypatch.setenv("CC", "no-such-compiler")
+    done = run("export", "--params", HM4, "--format", "fmu", "--out", out)
+    assert_refused(done, "CC = 'no-such-compiler' is not a program")
     assert list(tmp_path.iterdir()) == []
+    monkeypatch.setenv("CC", "cc -fstack-protector")
+    done = run("export", "--params", HM4, "--format", "fmu", "--out", out)
+    assert done.code == 0, done.err
 
 
 def test_published_formulas_are_refused(tmp_path):
