@@ -3,7 +3,6 @@
 
 import os
 import platform
-import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -52,13 +51,12 @@ def targets() -> list[Target]:
 
 def _native_compiler() -> tuple[str, ...]:
     """Return the command of a C compiler: that of the variable CC, or a usual one."""
-    chosen = os.environ.get("CC")
-    if chosen:
-        program, *words = shlex.split(chosen)
-        path = shutil.which(program)
+    words = os.environ.get("CC", "").split()
+    if words:
+        path = shutil.which(words[0])
         if path is None:
-            raise InputError(f"CC = {chosen!r} is not a program on this machine")
-        return (path, *words)
+            raise InputError(f"CC = {words[0]!r} is not a program on this machine")
+        return (path, *words[1:])
     for name in ("cc", "gcc", "clang"):
         path = shutil.which(name)
         if path is not None:
