@@ -14,7 +14,7 @@
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (two hours on two cores)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
-#                docs/export-check.md (a quarter of an hour)
+#                docs/export-check.md (a quarter to half an hour)
 #   make docs    the pages of docs/ as a web site, in site/
 #   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
 #                minutes; nothing else meanwhile, too)

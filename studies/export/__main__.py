@@ -128,7 +128,7 @@ def _goals(
             single <= SINGLE_ERROR,
         ),
         Goal(
-            "single precision: points with an answer of one alone",
+            "single precision: points answered in C or Python only",
             "0",
             f"{single_status}",
             single_status == 0,
@@ -140,7 +140,7 @@ def _goals(
             optimum <= OPTIMUM_ERROR,
         ),
         Goal(
-            "optimum: demands with an answer of one alone", "0", f"{alone}", alone == 0
+            "optimum: demands answered in C or Python only", "0", f"{alone}", alone == 0
         ),
         Goal(
             "effects: error of the efficiency at 99 % of fresh points",
@@ -176,7 +176,7 @@ def _stage_table(stages: list[StageFigures]) -> str:
         "file and stage",
         "double: answers that differ",
         "single: largest error",
-        "single: answer of one alone",
+        "single: in one only",
         "best stroke: largest error",
         "best engine speed: largest error",
         "ns a point",
@@ -198,7 +198,7 @@ def _stage_table(stages: list[StageFigures]) -> str:
 
 
 def _effect_table(effects: list[EffectFigures]) -> str:
-    head = ("model", "99 % of points", "largest", "answer of one alone", "tables")
+    head = ("model", "99 % of points", "largest", "in one only", "tables")
     rows = []
     for case in effects:
         rows.append(
