@@ -259,7 +259,7 @@ def _bridged(shift: Array, rests: NDArray[np.bool_], axes: Axes) -> Array:
 def _errors(
     model: EfficiencyModel, table: EffectTable, points: OperatingPoints
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return errors of efficiency and speed ratio, and where one alone has an answer."""
+    """Return errors of efficiency and speed ratio, and where only one of the two answers."""
     affected = model.solution_at(points)
     corrected = table.corrected(_closed_form(model), points)
     efficiency = np.abs(corrected.efficiency - affected.efficiency)

@@ -135,7 +135,7 @@ def _double(exported: ExportedModel, stage: str, count: int) -> tuple[int, float
 
 
 def _single(exported: ExportedModel, stage: str, count: int) -> tuple[float, int]:
-    """Return the largest error, and points with an answer of one alone."""
+    """Return the largest error, and points that only one answers."""
     points = random_points(12, count, np.float32)
     answer, status = exported.single.predict(_number(exported, stage), *points)
     efficiency = exported.model.stages[stage].efficiency(*points)
