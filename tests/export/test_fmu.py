@@ -332,6 +332,14 @@ def test_a_compiler_that_fails_is_one_line(tmp_path, monkeypatch):
     assert done.code == 0, done.err
 
 
+def test_without_fmpy_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    out = tmp_path / "a.fmu"
+    done = run("export", "--params", HM4, "--format", "fmu", "--out", out)
+    assert_refused(done, 'pip install "hmcvt_ros[export]"')
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_published_formulas_are_refused(tmp_path):
     model = hmcvt.load_model(HM4)
     published = hmcvt.EfficiencyModel(
