@@ -30,6 +30,7 @@ setup(
     package_data={
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
+        "hmcvt_core.export": ["templates/*"],
         "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
         "hmcvt_ros": [

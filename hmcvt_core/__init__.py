@@ -15,6 +15,7 @@ from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
 from .diagnosis.observations import Observations
 from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
+from .export import export_c, export_fmu, export_mat
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw import read_raw_bench
@@ -75,6 +76,9 @@ __all__ = [
     "diagnose",
     "diagnose_system",
     "diagnose_unit",
+    "export_c",
+    "export_fmu",
+    "export_mat",
     "identify",
     "load_effects",
     "load_engine",

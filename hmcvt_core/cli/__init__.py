@@ -47,6 +47,10 @@ COMMANDS = {
         "turn the table of your bench (CSV, Excel) into bench samples",
     ),
     "import-csv": ("import_table:command", "the older name of import"),
+    "export": (
+        "export:command",
+        "write the model as C, as an FMU or as maps for MATLAB",
+    ),
     "transmission": (
         "transmission:group",
         "write a transmission file from gear ratios, and check one",

@@ -69,10 +69,15 @@ class Domain:
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Return which values of one axis lie inside; a rounding error outside counts as inside."""
+        low, high = self.limits_with_slack(axis)
+        array = np.asarray(values, dtype=float)
+        return (array >= low) & (array <= high)
+
+    def limits_with_slack(self, axis: str) -> tuple[float, float]:
+        """Return the ends of one axis, a rounding error further apart."""
         low, high = getattr(self, axis)
         slack = _ROUNDING * max(abs(low), abs(high), 1.0)
-        array = np.asarray(values, dtype=float)
-        return (array >= low - slack) & (array <= high + slack)
+        return low - slack, high + slack
 
     def departures(
         self, displacement_ratio: float, engine_speed: float, load_torque: float

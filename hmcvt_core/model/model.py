@@ -366,13 +366,13 @@ class EfficiencyModel:
         The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
         """
         efficiency = self.efficiency(*point)
-        slopes = np.empty((*np.shape(efficiency), len(self._neighbours)))
-        for i, (steps, model) in enumerate(self._neighbours):
+        slopes = np.empty((*np.shape(efficiency), len(self.neighbours)))
+        for i, (steps, model) in enumerate(self.neighbours):
             slopes[..., i] = (model.efficiency(*point) - efficiency) * steps
         return efficiency, slopes
 
     @cached_property
-    def _neighbours(self) -> list[tuple[float, EfficiencyModel]]:
+    def neighbours(self) -> list[tuple[float, EfficiencyModel]]:
         """Standard error of each parameter in steps, and the model one such step away."""
         if not self.states_errors:
             return []

@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 
 _DRIVEN_REGIMES = (Regime.DRIVEN, Regime.REVERSED, Regime.MOTORED)
 
-_MOTOR_AT_REST = 1e-14
+MOTOR_REST_BOUND = 1e-14
 """x below which a motor rests but for rounding."""
 
 
@@ -160,7 +160,7 @@ class SteadyState(Quadrant):
         if self.pump_on_row:
             is_driven = ~self.drives(pressure, output)
         else:
-            is_driven = ~(motor > _MOTOR_AT_REST)
+            is_driven = ~(motor > MOTOR_REST_BOUND)
         is_lower = is_driven
         lower_regimes = _DRIVEN_REGIMES if self.pump_on_row else _DRIVEN_REGIMES[:2]
         for regime in lower_regimes:
