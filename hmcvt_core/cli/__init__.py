@@ -44,7 +44,7 @@ COMMANDS = {
     "separable": ("gap:separable", "report which effects a test plan can distinguish"),
     "import": (
         "import_table:command",
-        "turn the table of your bench (CSV, Excel) into bench samples",
+        "turn a table (CSV, Excel) or a log (MDF4, TDMS, CAN) into bench samples",
     ),
     "import-csv": ("import_table:command", "the older name of import"),
     "transmission": (

@@ -91,12 +91,12 @@ def read_log(path: str | os.PathLike[str]) -> BenchSamples:
     Raises:
         InputError: as of `open_log` and `import_log`, or the log leaves something open.
     """
-    log = open_log(path)
-    selection = select(log, Stated())
-    if selection.proposal.questions and what_is_missing(selection):
-        questions = "; ".join(map(str, selection.proposal.questions))
-        raise InputError(f"{path}: {questions} (hmcvt import takes the answers)")
-    imported = import_log(log, selection)
+    with open_log(path) as log:
+        selection = select(log, Stated())
+        if selection.proposal.questions and what_is_missing(selection):
+            questions = "; ".join(map(str, selection.proposal.questions))
+            raise InputError(f"{path}: {questions} (hmcvt import takes the answers)")
+        imported = import_log(log, selection)
     for note in imported.notes:
         _LOGGER.warning("%s: %s", path, note)
     return imported.samples

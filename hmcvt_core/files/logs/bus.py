@@ -69,12 +69,18 @@ class BusLog(Log):
         path: of the file.
         source: opens the file.
         messages: of the DBC; empty without one.
+        closing: closes the file, where it stays open between readings.
     """
 
     def __init__(
-        self, path: Path, source: FrameSource, messages: Sequence[Message] = ()
+        self,
+        path: Path,
+        source: FrameSource,
+        messages: Sequence[Message] = (),
+        closing: Callable[[], None] | None = None,
     ) -> None:
         super().__init__(path)
+        self._closing = closing
         self._source = source
         self._messages = messages
         self._part = 0.0
@@ -209,6 +215,11 @@ class BusLog(Log):
     def progress_of(self) -> float:
         """Return the part of the file that was read."""
         return self._part
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._closing is not None:
+            self._closing()
 
     def _rising(
         self, piece: Mapping[str, Series], last: dict[str, float]

@@ -6,7 +6,8 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +46,12 @@ def read_frames(path: Path, remarks: Remarks) -> Iterator[tuple[Frames, float]]:
             batches = _candump(file, remarks)
         else:
             batches = _by_python_can(path, file, remarks)
-        for frames in batches:
-            # The reader of BLF closes the file at its end.
-            position = size if file.closed else file.tell()
-            yield frames, min(position / size, 1.0)
+        # Closed in this order, also where only the beginning of the file is read.
+        with closing(batches):
+            for frames in batches:
+                # The reader of BLF closes the file at its end.
+                position = size if file.closed else file.tell()
+                yield frames, min(position / size, 1.0)
 
 
 class _Batch:
@@ -85,7 +88,9 @@ class _Batch:
         )
 
 
-def _by_python_can(path: Path, file: Any, remarks: Remarks) -> Iterator[Frames]:
+def _by_python_can(
+    path: Path, file: Any, remarks: Remarks
+) -> Generator[Frames, None, None]:
     try:
         import can
     except ImportError:
@@ -99,14 +104,26 @@ def _by_python_can(path: Path, file: Any, remarks: Remarks) -> Iterator[Frames]:
     }
     suffix = path.suffix.lower()
     source = file
+    text = None
     if suffix != ".blf":
-        source = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
+        text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
         # Iterating over the lines would forbid to ask how far the file is read.
-        source = _Lines(source)
+        source = _Lines(text)
+    try:
+        yield from _messages(path, readers[suffix], source, remarks)
+    finally:
+        if text is not None:
+            text.detach()
+
+
+def _messages(
+    path: Path, reader: Any, source: Any, remarks: Remarks
+) -> Iterator[Frames]:
+    """Yield what a reader of python-can gives, up to where the file is damaged."""
     batch = _Batch()
     last = math.nan
     try:
-        for message in readers[suffix](source):
+        for message in reader(source):
             last = float(message.timestamp)
             if message.is_error_frame:
                 remarks.add("bus", "error frames", last)
@@ -148,7 +165,7 @@ class _Lines(io.TextIOBase):
         return True
 
 
-def _candump(file: Any, remarks: Remarks) -> Iterator[Frames]:
+def _candump(file: Any, remarks: Remarks) -> Generator[Frames, None, None]:
     """Read the log of candump -l (can-utils): one frame a line, of ten times the speed."""
     batch = _Batch()
     last = math.nan

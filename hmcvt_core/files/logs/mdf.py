@@ -238,6 +238,10 @@ class MdfLog(Log):
         """Return the part of the readings that was read."""
         return min(self._read / self._total, 1.0)
 
+    def close(self) -> None:
+        """Close the file."""
+        self._mdf.close()
+
     def _stream(self, name: str) -> Iterator[Series]:
         number, index = self._positions[name]
         count = self._mdf.groups[number].channel_group.cycles_nr

@@ -64,10 +64,14 @@ def open_log(
         opened = mdf.open_mdf(file)
         if mdf.holds_frames(opened):
             return BusLog(
-                file, lambda remarks: mdf.frames_of(opened, remarks), messages
+                file,
+                lambda remarks: mdf.frames_of(opened, remarks),
+                messages,
+                opened.close,
             )
         if dbc is None:
             return mdf.MdfLog(file, opened)
+        opened.close()
     elif dbc is None:
         return tdms.open_tdms(file)
     raise InputError(f"{path}: holds no CAN frame, so that {dbc} decodes nothing")

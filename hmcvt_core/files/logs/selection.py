@@ -235,7 +235,8 @@ def select(log: Log, stated: Stated) -> Selection:
     columns = {}
     for quantity, column in proposal.columns.items():
         name = short.get(column.name, column.name)
-        columns[quantity] = column._replace(name=name)
+        why = column.why.replace("row of units", "name and unit")
+        columns[quantity] = Column(name, column.unit, why)
     columns.update(given)
     columns.pop(_STAMP, None)
     if torque is not None:

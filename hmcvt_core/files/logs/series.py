@@ -156,6 +156,15 @@ class Log(ABC):
         """Return the part of the file that was read, 0 to 1; 0 where it is not known."""
         return 0.0
 
+    def close(self) -> None:  # noqa: B027 - a trace of CAN is open only while it is read
+        """Close the file."""
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def channel(self, name: str) -> Channel:
         """Return a channel.
 

@@ -105,6 +105,10 @@ class TdmsLog(Log):
         """Return the part of the readings that was read."""
         return min(self._read / self._total, 1.0)
 
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
     def _stream(self, name: str) -> Iterator[Series]:
         channel = self._objects[name]
         clock = self._clock_of(channel)
