@@ -15,6 +15,7 @@ from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
 from .diagnosis.observations import Observations
 from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
+from .estimation import Estimate, EstimateSettings, estimate
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw import read_raw_bench
@@ -49,6 +50,8 @@ __all__ = [
     "EfficiencyMap",
     "EfficiencyModel",
     "Engine",
+    "Estimate",
+    "EstimateSettings",
     "GearPair",
     "HmcvtError",
     "HydraulicParameters",
@@ -75,6 +78,7 @@ __all__ = [
     "diagnose",
     "diagnose_system",
     "diagnose_unit",
+    "estimate",
     "identify",
     "load_effects",
     "load_engine",

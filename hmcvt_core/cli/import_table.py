@@ -136,11 +136,12 @@ def command(
 ) -> Answer:
     """Turn the table or the log of your bench into bench samples.
 
-    TABLE is CSV or Excel, or a log: MDF4, TDMS, or a CAN trace. Each option names a column of TABLE, or a number for all rows, and the unit; without a unit
-    that of the header holds, else the first in brackets. For what is not named, columns are
-    proposed: without --yes the proposal is shown and nothing is written. What the table leaves
-    open is asked. Efficiency and load torque are computed where no column holds them. Other
-    columns are kept. A recording is cut into its steady windows.
+    TABLE is CSV or Excel, or a log: MDF4, TDMS, or a CAN trace. Each option names a column of
+    TABLE, or a number for all rows, and the unit; without a unit that of the header holds, else
+    the first in brackets. For what is not named, columns are proposed: without --yes the proposal
+    is shown and nothing is written. What the table leaves open is asked. Efficiency and load
+    torque are computed where no column holds them. Other columns are kept. A recording is cut into
+    its steady windows.
     """
     inputs = [raw] if mapping is None else [raw, mapping]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])

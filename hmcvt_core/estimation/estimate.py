@@ -92,7 +92,7 @@ class Estimate:
             )
         for stage, seconds in sorted(totals.stages.items()):
             lines.append(f"  {stage:<12} {seconds / 3600.0:8.3f} h")
-        for reason, seconds in totals.without.most_common():
+        for reason, seconds in sorted(totals.without.items()):
             lines.append(f"  no estimate for {seconds:.1f} s: {reason}")
         lines += [f"  note: {note}" for note in self.notes]
         lines.append(f"intervals are {_BEYOND}")
@@ -195,7 +195,9 @@ def _require_quantities(log: Log, selection: Selection, engine: Engine | None) -
         text = f"{log.path}: no channel is named for {', '.join(missing)}"
         raise InputError("; ".join([text, *hints]))
     if not {"engine_torque", "engine_power"} & known and engine is None:
-        raise InputError(f"{log.path}: without engine torque, the fuel rate needs --engine")
+        raise InputError(
+            f"{log.path}: without engine torque, the fuel rate needs --engine"
+        )
     used = {column.name.rpartition(".")[2] for column in selection.columns.values()}
     for question in selection.proposal.questions:
         if any(f"{name!r}" in question.text for name in used):
@@ -206,7 +208,9 @@ def _notes(selection: Selection) -> list[str]:
     known = selection.quantities
     notes = []
     if selection.torque is not None and selection.torque.friction is not None:
-        notes.append(f"friction of the engine: {selection.torque.friction:g} %, as stated")
+        notes.append(
+            f"friction of the engine: {selection.torque.friction:g} %, as stated"
+        )
     if not {"engine_torque", "engine_power"} & known:
         notes.append("the engine torque follows from the fuel rate")
     if not {"displacement_ratio", "stage"} & known:

@@ -148,7 +148,9 @@ class Estimator:
             return torque, np.abs(torque)
         if self.engine is None:
             raise InputError(f"{self.source}: a fuel rate needs the engine (--engine)")
-        torque = torque_of_fuel(self.engine, values["engine_speed"], values["fuel_rate"])
+        torque = torque_of_fuel(
+            self.engine, values["engine_speed"], values["fuel_rate"]
+        )
         return torque, np.abs(torque)
 
     @property

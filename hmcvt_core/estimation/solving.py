@@ -35,7 +35,7 @@ _SLOPE_STEP = 1.0
 _PART_OF_ERROR = 0.1
 """Step of a parameter in its standard errors, for the change of the engine torque."""
 STROKE_SLACK = 0.05
-"""By which a displacement ratio may exceed full stroke: errors of speeds and of the model's slip."""
+"""By which a displacement ratio may exceed full stroke: errors of speeds and of the slip."""
 _REACH_SLACK = 0.06
 """Part by which slip moves the speed ratio beyond that of full stroke."""
 _SAME_STROKE = 0.2

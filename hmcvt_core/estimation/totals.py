@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,9 +51,11 @@ class Totals:
     passing_variance: float = 0.0
     fuel: float = 0.0
     fuel_lost: float = 0.0
-    stages: Counter[str] = field(default_factory=Counter)
+    stages: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     cells: dict[Cell, Array] = field(default_factory=dict)
-    without: Counter[str] = field(default_factory=Counter)
+    without: defaultdict[str, float] = field(
+        default_factory=lambda: defaultdict(float)
+    )
 
     def add(self, other: Totals) -> None:
         """Add the sums of another log."""
@@ -100,7 +102,9 @@ class Totals:
         flat = np.ravel_multi_index(tuple(keys - low), tuple(shape))
         cells, index = np.unique(flat, return_inverse=True)
         added = np.stack([np.bincount(index, row, len(cells)) for row in sums], axis=1)
-        positions = np.stack(np.unravel_index(cells, tuple(shape)), axis=1) + low.ravel()
+        positions = (
+            np.stack(np.unravel_index(cells, tuple(shape)), axis=1) + low.ravel()
+        )
         for position, total in zip(positions.tolist(), added, strict=True):
             cell = (names[position[0]], *position[1:])
             self.cells[cell] = self.cells.get(cell, np.zeros(3)) + total

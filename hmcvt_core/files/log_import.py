@@ -113,7 +113,7 @@ def _lacking(log: Log, selection: Selection, missing: Sequence[str]) -> str:
         f"{log.path}: no channel is named for {', '.join(missing)}; there is "
         f"{listed_names(log.channels)}"
     )
-    missing_messages = getattr(log, "missing_signals", list)()
+    missing_messages = log.missing_messages()
     if missing_messages:
         hints.append(f"not on the bus: {listed_names(missing_messages)}")
     return "; ".join([text, *hints])
@@ -188,9 +188,7 @@ def _refuse(log: Log, problems: Sequence[str]) -> None:
         )
 
 
-def _refuse_unusual(
-    log: Log, selection: Selection, columns: Mapping[str, Any]
-) -> None:
+def _refuse_unusual(log: Log, selection: Selection, columns: Mapping[str, Any]) -> None:
     """Refuse samples whose values look like another unit, or whose efficiency is unusual."""
     problems = implausible(columns, selection.columns)
     if not problems:

@@ -96,11 +96,10 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=15.0)
     parser.add_argument("--seed", type=int, default=0)
     given: Any = parser.parse_args()
-    rows = []
+    print(table(HEAD, []), flush=True)
     for name, with_unit, bias in _CASES:
         scores = scores_of(given.drives, given.minutes, given.seed, with_unit, bias)
-        rows.append(row_of(name, scores))
-    print(table(HEAD, rows))
+        print(f"| {' | '.join(row_of(name, scores))} |", flush=True)
 
 
 if __name__ == "__main__":

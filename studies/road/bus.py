@@ -18,7 +18,7 @@ from hmcvt_core.transmission.ranges import RPM
 from .drive import Array, Drive, Machine
 
 EPOCH = 1_750_000_000.0
-MAKER = """VERSION ""
+MAKER = f"""VERSION ""
 
 NS_ :
 
@@ -26,12 +26,12 @@ BS_:
 
 BU_: TCU
 
-BO_ {identifier} HMT: 8 TCU
+BO_ {0x98FF1003} HMT: 8 TCU
  SG_ DisplacementRatio : 0|16@1+ (0.0001,-2) [-1.1|1.1] "" TCU
  SG_ Stage : 16|8@1+ (1,0) [0|15] "" TCU
 
-VAL_ {identifier} Stage 0 "H0" 1 "HM1" 2 "HM2" 3 "HM3" 4 "HM4" ;
-""".format(identifier=0x98FF1003)
+VAL_ {0x98FF1003} Stage 0 "H0" 1 "HM1" 2 "HM2" 3 "HM3" 4 "HM4" ;
+"""
 """A maker's message in a DBC."""
 STAGES = ("H0", "HM1", "HM2", "HM3", "HM4")
 
@@ -89,7 +89,8 @@ def encode(
     stated = gross * (1.0 + faults.torque_bias)
     percent = 100.0 * _at(drive, stated, at - torque_late) / machine.reference
     data = _blank(at)
-    data[:, 2] = np.clip(np.round(percent), 0, 125) + 125
+    known = np.isfinite(percent)
+    data[known, 2] = np.clip(np.round(percent[known]), 0, 125) + 125
     _word(data, 3, _at(drive, drive.engine_speed, at - speed_late) / RPM / 0.125)
     messages.append(Encoded(at, 0x0CF00400, data))
     at = np.arange(0.107, drive.time[-1], 0.02)

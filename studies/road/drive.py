@@ -76,9 +76,8 @@ def machine_of(model: EfficiencyModel, rng: np.random.Generator) -> Machine:
         rng: random numbers.
     """
     errors = np.array(list(model.standard_errors.values()))
-    drawn = rng.multivariate_normal(
-        model.parameters.to_array() / errors, model.correlation
-    )
+    correlation = np.asarray(model.correlation)
+    drawn = rng.multivariate_normal(model.parameters.to_array() / errors, correlation)
     values = np.maximum(drawn * errors, 1e-14)
     return Machine(
         replace(model, parameters=HydraulicParameters(*values.tolist())),
@@ -147,9 +146,7 @@ def _rough(count: int, rng: np.random.Generator) -> Array:
     """Return a load that varies by 8 % within seconds."""
     noise = rng.standard_normal(count)
     keep = np.exp(-1.0 / (RATE * 2.0))
-    return np.asarray(
-        lfilter([0.08 * np.sqrt(1.0 - keep**2)], [1.0, -keep], noise)
-    )
+    return np.asarray(lfilter([0.08 * np.sqrt(1.0 - keep**2)], [1.0, -keep], noise))
 
 
 def _balanced(

@@ -96,14 +96,16 @@ def scored(
     torque_high = np.concatenate([rows.output_torque_interval[1] for rows in parts])
     stage = np.concatenate([rows.stage for rows in parts])
     rows_of = np.clip(np.searchsorted(driven.time, time), 0, len(driven.time) - 1)
-    true = driven.output_power[rows_of]
+    # Where the machine cannot carry the load, nothing is true.
+    carried = np.isfinite(driven.engine_torque)[rows_of]
+    true = np.where(carried, driven.output_power[rows_of], np.nan)
     counted = np.isfinite(power) & (true > LEAST_POWER)
     slow = counted & _slow(driven)[rows_of]
     with np.errstate(divide="ignore", invalid="ignore"):
         true_torque = true / driven.output_speed[rows_of]
     inside = (low <= true) & (true <= high)
     torque_inside = (torque_low <= true_torque) & (true_torque <= torque_high)
-    answered = np.isfinite(power)
+    answered = np.isfinite(power) & carried
     steps = np.median(np.diff(time))
     true_energy = float(true[answered].sum() * steps)
     energy_low, energy_high = totals.output_interval

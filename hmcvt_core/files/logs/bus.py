@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class _Key(NamedTuple):
     identifier: int
     is_extended: bool
 
-    def mask(self, frames: Frames, groups: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    def mask(self, frames: Frames, groups: Any) -> Any:
         """Return which frames are of the message, shape (n,)."""
         if self.group is not None:
             return np.asarray(frames.extended & (groups == self.group))
@@ -157,7 +157,7 @@ class BusLog(Log):
             )
         return channels
 
-    def missing_signals(self) -> list[str]:
+    def missing_messages(self) -> list[str]:
         """Return the messages of the DBC that the bus does not carry."""
         return [
             message.name

@@ -66,9 +66,7 @@ class _Batch:
     def __len__(self) -> int:
         return len(self.time)
 
-    def add(
-        self, time: float, identifier: int, is_extended: bool, data: bytes
-    ) -> None:
+    def add(self, time: float, identifier: int, is_extended: bool, data: bytes) -> None:
         """Append one frame."""
         self.time.append(time)
         self.identifier.append(identifier)
@@ -140,8 +138,12 @@ def _messages(
     except Exception as error:  # python-can raises errors of many kinds for damage
         words = " ".join(str(error).split()) or type(error).__name__
         if math.isnan(last):
-            raise InputError(f"{path}: no CAN trace that can be read: {words}") from None
-        remarks.add("file", f"cut off or damaged ({words}); what is before is used", last, 0)
+            raise InputError(
+                f"{path}: no CAN trace that can be read: {words}"
+            ) from None
+        remarks.add(
+            "file", f"cut off or damaged ({words}); what is before is used", last, 0
+        )
     if len(batch):
         yield batch.frames()
 

@@ -47,16 +47,24 @@ class Group(NamedTuple):
 
 
 def _word(
-    name: str, unit: str, byte: int, scale: float, offset: float = 0.0, quantity: str = ""
+    name: str,
+    unit: str,
+    byte: int,
+    scale: float,
+    offset: float = 0.0,
+    quantity: str = "",
 ) -> Signal:
     """A signal of two bytes."""
-    return Signal(
-        PREFIX + name, unit, 8 * byte, 16, scale, offset, quantity=quantity
-    )
+    return Signal(PREFIX + name, unit, 8 * byte, 16, scale, offset, quantity=quantity)
 
 
 def _byte(
-    name: str, unit: str, byte: int, scale: float, offset: float = 0.0, quantity: str = ""
+    name: str,
+    unit: str,
+    byte: int,
+    scale: float,
+    offset: float = 0.0,
+    quantity: str = "",
 ) -> Signal:
     """A signal of one byte."""
     return Signal(PREFIX + name, unit, 8 * byte, 8, scale, offset, quantity=quantity)
@@ -96,7 +104,9 @@ GROUPS: dict[int, Group] = {
         TRANSMISSION_SOURCE,
         (
             Signal(PREFIX + "DrivelineEngaged", "", 0, 2, states=_ON_OFF),  # SPN 560
-            _word("OutputShaftSpeed", "rpm", 1, 0.125, quantity="output_speed"),  # SPN 191
+            _word(
+                "OutputShaftSpeed", "rpm", 1, 0.125, quantity="output_speed"
+            ),  # SPN 191
             _byte("ClutchSlip", "%", 3, 0.4),  # SPN 522
             _word("InputShaftSpeed", "rpm", 5, 0.125),  # SPN 161
         ),

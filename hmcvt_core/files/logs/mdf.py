@@ -257,7 +257,10 @@ class MdfLog(Log):
             except Exception as error:  # of a damaged block, of many kinds
                 words = " ".join(str(error).split()) or type(error).__name__
                 self.remarks.add(
-                    name, f"cut off or damaged ({words}); what is before is used", last, 0
+                    name,
+                    f"cut off or damaged ({words}); what is before is used",
+                    last,
+                    0,
                 )
                 return
             self._read += len(signal.samples)

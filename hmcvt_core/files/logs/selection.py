@@ -276,7 +276,7 @@ def _no_engine_speed(log: Log, proposal: Proposal) -> str:
 
 def _standard_channels(log: Log) -> dict[str, str]:
     """Return the channels whose quantity a public standard states."""
-    chosen = {}
+    chosen: dict[str, str] = {}
     for name, channel in log.channels.items():
         if channel.quantity and channel.quantity != "reference_torque":
             chosen.setdefault(channel.quantity, name)
@@ -569,4 +569,3 @@ class _Check:
         """Remark a channel that is empty."""
         if not self._readings:
             self._log.remarks.add(self._channel, "is empty", count=0)
-

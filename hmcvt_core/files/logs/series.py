@@ -156,6 +156,10 @@ class Log(ABC):
         """Return the part of the file that was read, 0 to 1; 0 where it is not known."""
         return 0.0
 
+    def missing_messages(self) -> list[str]:
+        """Return the messages of a DBC that the log does not hold."""
+        return []
+
     def close(self) -> None:  # noqa: B027 - a trace of CAN is open only while it is read
         """Close the file."""
 

@@ -82,7 +82,9 @@ class TdmsLog(Log):
         channels = {}
         for name, channel in self._objects.items():
             if self._clock_of(channel) is not None:
-                channels[name] = Channel(name, _unit_of(channel), kind=channel.group_name)
+                channels[name] = Channel(
+                    name, _unit_of(channel), kind=channel.group_name
+                )
         if not channels:
             raise InputError(
                 f"{self.path}: no channel has a time: neither wf_increment nor a channel "
@@ -121,14 +123,15 @@ class TdmsLog(Log):
             except Exception as error:  # of a damaged segment, of many kinds
                 words = " ".join(str(error).split()) or type(error).__name__
                 self.remarks.add(
-                    name, f"cut off or damaged ({words}); what is before is used", last, 0
+                    name,
+                    f"cut off or damaged ({words}); what is before is used",
+                    last,
+                    0,
                 )
                 return
             self._read += count
-            if values.dtype.kind in "biuf":
-                values = values.astype(float)
-            else:
-                values = values.astype(str)
+            is_number = values.dtype.kind in "biuf"
+            values = values.astype(float if is_number else str)
             series = rising(Series(time, values), last, self.remarks, name)
             if len(series.time):
                 last = float(series.time[-1])
