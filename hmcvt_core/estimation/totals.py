@@ -53,9 +53,7 @@ class Totals:
     fuel_lost: float = 0.0
     stages: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     cells: dict[Cell, Array] = field(default_factory=dict)
-    without: defaultdict[str, float] = field(
-        default_factory=lambda: defaultdict(float)
-    )
+    without: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
 
     def add(self, other: Totals) -> None:
         """Add the sums of another log."""

@@ -148,12 +148,12 @@ class BusLog(Log):
                     signal.unit,
                     signal.quantity,
                     abs(signal.scale) if signal.states is None else 0.0,
-                    sender.label,
+                    signal.low,
                 )
         torque = f"{j1939.PREFIX}EngineActualTorque"
         if torque in channels:
             channels[j1939.REFERENCE_TORQUE] = Channel(
-                j1939.REFERENCE_TORQUE, "N m", "reference_torque", 1.0, "EC1"
+                j1939.REFERENCE_TORQUE, "N m", "reference_torque", 1.0
             )
         return channels
 

@@ -219,7 +219,7 @@ class MdfLog(Log):
         channels = {}
         for name, (number, index) in self._positions.items():
             block = self._mdf.groups[number].channels[index]
-            channels[name] = Channel(name, _unit_of(block), kind=f"group {number}")
+            channels[name] = Channel(name, _unit_of(block))
         return channels
 
     def pieces(self, names: Collection[str]) -> Iterator[dict[str, Series]]:

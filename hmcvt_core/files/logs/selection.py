@@ -231,7 +231,7 @@ def select(log: Log, stated: Stated) -> Selection:
     known = {**given}
     if torque is not None:
         known["engine_torque"] = Column(_ACTUAL, "N m")
-    proposal = propose(table, _in_table(known, short))
+    proposal = _proposed(log, table, known, short)
     columns = {}
     for quantity, column in proposal.columns.items():
         name = short.get(column.name, column.name)
@@ -254,6 +254,21 @@ def select(log: Log, stated: Stated) -> Selection:
         extra=_extra_channels(log),
     )
     return replace(selection, resolution=_resolutions(log, selection))
+
+
+def _proposed(
+    log: Log, table: RawTable, known: Mapping[str, Column], short: Mapping[str, str]
+) -> Proposal:
+    """Propose channels; a stroke whose stated range reaches below zero has its neutral there."""
+    given = _in_table(known, short)
+    proposal = propose(table, given)
+    stroke = proposal.columns.get("displacement_ratio")
+    if stroke is None or not stroke.unit or "displacement_ratio" in given:
+        return proposal
+    low = log.channel(short[stroke.name]).low
+    if not -math.inf < low < 0.0:
+        return proposal
+    return propose(table, {**given, "displacement_ratio": stroke})
 
 
 def _require_known(columns: Mapping[str, str]) -> None:

@@ -54,14 +54,14 @@ class Channel:
         unit: as the file states it; empty where it states none.
         quantity: what the channel is by a public standard; empty where its name has to say it.
         resolution: step of its values, in `unit`; 0 where it is not known.
-        kind: what the file says of it, for lists of channels.
+        low: least valid value that the file states, in `unit`; -inf where it states none.
     """
 
     name: str
     unit: str = ""
     quantity: str = ""
     resolution: float = 0.0
-    kind: str = ""
+    low: float = -math.inf
 
 
 @dataclass

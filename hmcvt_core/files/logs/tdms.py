@@ -82,9 +82,7 @@ class TdmsLog(Log):
         channels = {}
         for name, channel in self._objects.items():
             if self._clock_of(channel) is not None:
-                channels[name] = Channel(
-                    name, _unit_of(channel), kind=channel.group_name
-                )
+                channels[name] = Channel(name, _unit_of(channel))
         if not channels:
             raise InputError(
                 f"{self.path}: no channel has a time: neither wf_increment nor a channel "
