@@ -116,7 +116,7 @@ def _lacking(log: Log, selection: Selection, missing: Sequence[str]) -> str:
     missing_messages = log.missing_messages()
     if missing_messages:
         hints.append(f"not on the bus: {listed_names(missing_messages)}")
-    return "; ".join([text, *hints])
+    return "; ".join([text, *hints, *log.remarks.lines])
 
 
 def _hours(

@@ -101,7 +101,7 @@ def encode(
     at = np.arange(0.111, drive.time[-1], 0.25)
     data = _blank(at)
     friction = _at(drive, drive.friction_torque, at) / machine.reference
-    data[:, 0] = np.round(100.0 * friction * (1.0 + faults.torque_bias)) + 125
+    data[:, 0] = np.round(100.0 * friction) + 125
     messages.append(Encoded(at, 0x18FEDF00, data))
     messages += _configuration(drive, machine)
     if with_unit:

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 import re
+import struct
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -28,6 +30,9 @@ _CANDUMP_DATA = re.compile(
     r"\((\d+\.\d+)\) +\S+ +([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}){0,8})"
     r"(?: +[RT])?\s*"
 )
+_CUT_OFF = "cut off; what is before is used"
+_BLF_SIZE = struct.Struct("<16xQ")
+"""Where a BLF file states its size: behind signature, size of the header and versions."""
 _ERROR_FLAG = 0x20000000
 """Bit of the identifier of an error frame in a candump (linux/can.h)."""
 
@@ -103,15 +108,42 @@ def _by_python_can(
     suffix = path.suffix.lower()
     source = file
     text = None
+    complaints = _Complaints(remarks)
     if suffix != ".blf":
         text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
         # Iterating over the lines would forbid to ask how far the file is read.
         source = _Lines(text)
     try:
-        yield from _messages(path, readers[suffix], source, remarks)
+        with complaints:
+            yield from _messages(path, readers[suffix], source, remarks)
     finally:
         if text is not None:
             text.detach()
+
+
+class _Complaints(logging.Handler):
+    """Counts what python-can logs of lines that it cannot read, in place of printing it.
+
+    Args:
+        remarks: where they are counted.
+    """
+
+    def __init__(self, remarks: Remarks) -> None:
+        super().__init__(logging.WARNING)
+        self._remarks = remarks
+        self._logger = logging.getLogger("can.io")
+
+    def __enter__(self) -> None:
+        self._logger.addHandler(self)
+        self._logger.propagate = False
+
+    def __exit__(self, *_: object) -> None:
+        self._logger.removeHandler(self)
+        self._logger.propagate = True
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count one message."""
+        self._remarks.add("file", "lines that cannot be read left out")
 
 
 def _messages(
@@ -135,6 +167,8 @@ def _messages(
             if len(batch) >= BATCH:
                 yield batch.frames()
                 batch = _Batch()
+        if _is_cut_off(path):
+            remarks.add("file", _CUT_OFF, last, 0)
     except Exception as error:  # python-can raises errors of many kinds for damage
         words = " ".join(str(error).split()) or type(error).__name__
         if math.isnan(last):
@@ -146,6 +180,16 @@ def _messages(
         )
     if len(batch):
         yield batch.frames()
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether a trace ends within a line, or is shorter than it states (BLF)."""
+    with path.open("rb") as file:
+        if path.suffix.lower() == ".blf":
+            (stated,) = _BLF_SIZE.unpack(file.read(_BLF_SIZE.size))
+            return bool(path.stat().st_size < stated)
+        file.seek(-1, io.SEEK_END)
+        return file.read(1) != b"\n"
 
 
 class _Lines(io.TextIOBase):
@@ -173,6 +217,10 @@ def _candump(file: Any, remarks: Remarks) -> Generator[Frames, None, None]:
     last = math.nan
     for line in file:
         text = line.decode("ascii", "replace")
+        if not text.endswith("\n"):
+            # A frame that is cut may look like a shorter one.
+            remarks.add("file", _CUT_OFF, last, 0)
+            break
         match = _CANDUMP_DATA.fullmatch(text)
         if match is None:
             _count_line(text, last, remarks)

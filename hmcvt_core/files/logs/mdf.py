@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
+import traceback
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
@@ -27,6 +28,8 @@ from .series import (
 from .signals import BYTES, Frames
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
+STARTS = (b"MDF ", b"UnFinMF ")
+"""First bytes of an MDF file, closed or not."""
 _FRAMES = "CAN_DataFrame"
 """Channel of a bus log (ASAM MDF 4, bus logging)."""
 _ERRORS = "CAN_ErrorFrame"
@@ -45,14 +48,30 @@ def open_mdf(path: Path) -> Any:
             f'{path}: an MDF file needs asammdf: pip install "hmcvt_ros[mdf]"'
         ) from None
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    with path.open("rb") as file:
+        if not file.read(8).startswith(STARTS):
+            raise InputError(f"{path}: no MDF file: it does not begin as one does")
     try:
         return asammdf.MDF(path)
     except Exception as error:  # asammdf raises errors of many kinds for damage
+        _release(error)
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"{path}: no MDF file that can be read ({words}); a file that was not closed "
             "may be repaired by the tool that wrote it"
         ) from None
+
+
+def _release(error: Exception) -> None:
+    """Let an object of asammdf that was not opened be deleted without a complaint on stderr."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        half_open = frame.f_locals.get("self")
+        if type(half_open).__name__ != "MDF4":
+            continue
+        file = getattr(half_open, "_file", None)
+        if file is not None:
+            file.close()
+        half_open._closed = True
 
 
 def holds_frames(mdf: Any) -> bool:

@@ -14,7 +14,6 @@ from .series import Log
 
 SUFFIXES = (*can_files.SUFFIXES, *mdf.SUFFIXES, *tdms.SUFFIXES)
 """Endings of files that are logs; `.dat` is one where it begins as an MDF file does."""
-_MDF_STARTS = (b"MDF ", b"UnFinMF ")
 
 
 def is_log(path: str | os.PathLike[str]) -> bool:
@@ -27,7 +26,7 @@ def is_log(path: str | os.PathLike[str]) -> bool:
         return True
     try:
         with file.open("rb") as content:
-            return content.read(8).startswith(_MDF_STARTS)
+            return content.read(8).startswith(mdf.STARTS)
     except OSError:
         return False
 

@@ -24,7 +24,7 @@ from ..tables.proposal import Column, Proposal, named_column, propose
 from ..tables.units import UNITS, kind_of, to_si
 from . import j1939
 from .joining import Joined, Joiner
-from .series import Log, Series, listed_names
+from .series import FEWEST_READINGS, Log, Remarks, Series, listed_names
 
 FUEL_DENSITY = 0.832
 """Of diesel at 15 deg C [kg/L], middle of EN 590 (0.820 to 0.845)."""
@@ -48,9 +48,9 @@ _PARASITIC = f"{j1939.PREFIX}EngineParasiticTorque"
 ENGAGED = f"{j1939.PREFIX}DrivelineEngaged"
 GEAR = f"{j1939.PREFIX}CurrentGear"
 TAKE_OFFS = (f"{j1939.PREFIX}RearPtoSpeed", f"{j1939.PREFIX}FrontPtoSpeed")
-_LEAST_STEPS = 20
 _IMPOSSIBLE_SHARE = 0.1
 """Share of readings out of range, or of jumps, from which a channel is not what it is taken for."""
+_SUSPECTED = "another channel or unit, or swapped byte order in the DBC"
 _LIMITS: Mapping[str, tuple[float, float]] = {
     "engine_speed": (0.0, 400.0),
     "output_speed": (-1000.0, 1000.0),
@@ -227,7 +227,8 @@ def select(log: Log, stated: Stated) -> Selection:
         given[quantity] = Column(name, _standard_unit(log, quantity, name), "standard")
     torque = None
     if "engine_torque" not in given and _ACTUAL in log.channels:
-        torque = _bus_torque(log, stated)
+        has_parasitic = _is_filled(_PARASITIC, short, table)
+        torque = _bus_torque(log, stated, has_parasitic)
     known = {**given}
     if torque is not None:
         known["engine_torque"] = Column(_ACTUAL, "N m")
@@ -251,7 +252,7 @@ def select(log: Log, stated: Stated) -> Selection:
         torque,
         dict(stated.stage_names),
         proposal,
-        extra=_extra_channels(log),
+        extra=_extra_channels(short, table),
     )
     return replace(selection, resolution=_resolutions(log, selection))
 
@@ -303,9 +304,9 @@ def _standard_unit(log: Log, quantity: str, name: str) -> str:
     return {"oil_temperature": "deg C"}.get(quantity, unit)
 
 
-def _extra_channels(log: Log) -> tuple[str, ...]:
+def _extra_channels(short: Mapping[str, str], table: RawTable) -> tuple[str, ...]:
     wanted = (ENGAGED, GEAR, *TAKE_OFFS)
-    return tuple(name for name in wanted if name in log.channels)
+    return tuple(name for name in wanted if _is_filled(name, short, table))
 
 
 def _fuel_channel(log: Log) -> Column | None:
@@ -403,7 +404,7 @@ def _first_rows(log: Log) -> tuple[int, dict[str, list[str]]]:
     clock = max(first, key=lambda name: len(first[name].time), default="")
     if not clock:
         return 0, {}
-    joiner = Joiner(names, clock, _PREVIEW_STEP, type(log.remarks)())
+    joiner = Joiner(names, clock, _PREVIEW_STEP, Remarks())
     cells: dict[str, list[str]] = {name: [] for name in names}
     rows = 0
     for joined in joiner.rows([first]):
@@ -429,7 +430,8 @@ _PREVIEW_PIECES = 12
 
 def _first_pieces(log: Log, names: Sequence[str]) -> dict[str, Series]:
     """Return the first readings of each channel; remarks on them are dropped."""
-    kept = dict(log.remarks.entries)
+    kept = log.remarks
+    log.remarks = Remarks()
     parts: dict[str, list[Series]] = {}
     span = PREVIEW_ROWS * _PREVIEW_STEP
     start = math.inf
@@ -442,8 +444,7 @@ def _first_pieces(log: Log, names: Sequence[str]) -> dict[str, Series]:
                 latest = max(latest, float(series.time[-1]))
         if latest - start > span:
             break
-    log.remarks.entries.clear()
-    log.remarks.entries.update(kept)
+    log.remarks = kept
     first = {}
     for name, several in parts.items():
         times = np.concatenate([series.time for series in several])
@@ -454,8 +455,18 @@ def _first_pieces(log: Log, names: Sequence[str]) -> dict[str, Series]:
     return first
 
 
-def _bus_torque(log: Log, stated: Stated) -> BusTorque:
+def _is_filled(name: str, short: Mapping[str, str], table: RawTable) -> bool:
+    """Whether a channel holds readings in the preview."""
+    return any(full == name and key in table.columns for key, full in short.items())
+
+
+def _bus_torque(log: Log, stated: Stated, has_parasitic: bool) -> BusTorque:
     """Return how the percent torque of the bus becomes a torque.
+
+    Args:
+        log: to be read.
+        stated: what the user states goes first.
+        has_parasitic: whether the bus states parasitic losses.
 
     Raises:
         InputError: neither the bus nor the user states reference torque or friction.
@@ -474,23 +485,22 @@ def _bus_torque(log: Log, stated: Stated) -> BusTorque:
             "and the bus does not state it (message EEC3): add --friction-torque 8%"
         )
     friction = stated.friction_torque
-    has_parasitic = friction is None and _PARASITIC in log.channels
-    return BusTorque(reference, friction, has_parasitic)
+    return BusTorque(reference, friction, has_parasitic and friction is None)
 
 
 def _reference_on_bus(log: Log) -> float | None:
     """Return the first reference torque on the bus [N m]; None without one."""
     if j1939.REFERENCE_TORQUE not in log.channels:
         return None
-    kept = dict(log.remarks.entries)
+    kept = log.remarks
+    log.remarks = Remarks()
     reference = None
     for piece in log.pieces([j1939.REFERENCE_TORQUE]):
         series = piece.get(j1939.REFERENCE_TORQUE)
         if series is not None and len(series.time):
             reference = float(series.values[0])
             break
-    log.remarks.entries.clear()
-    log.remarks.entries.update(kept)
+    log.remarks = kept
     return reference
 
 
@@ -523,6 +533,7 @@ def read_rows(
     joiner = Joiner(selection.names, selection.clock, step, log.remarks)
     checks = {name: _Check(name, log, selection) for name in _LIMITS}
     for joined in joiner.rows(log.pieces(selection.names)):
+        _require_stated_range(log, selection)
         values = selection.values(joined)
         for quantity, check in checks.items():
             if quantity in values:
@@ -531,6 +542,18 @@ def read_rows(
     for quantity, check in checks.items():
         if quantity in selection.quantities:
             check.require_readings()
+
+
+def _require_stated_range(log: Log, selection: Selection) -> None:
+    """Raise an `InputError` where many readings are outside the range that the DBC states."""
+    for quantity, column in selection.columns.items():
+        share, first = log.remarks.share_outside(column.name)
+        if share > _IMPOSSIBLE_SHARE:
+            raise InputError(
+                f"{log.path}: channel {column.name!r} from {first:.3f} s: "
+                f"{100 * share:.0f} % of its values are outside the range that the DBC "
+                f"states, as the {quantity.replace('_', ' ')} cannot be: {_SUSPECTED}"
+            )
 
 
 class _Check:
@@ -567,14 +590,13 @@ class _Check:
             with np.errstate(invalid="ignore"):
                 jumps = near & (change > _JUMPS[quantity])
         impossible = outside | jumps
-        if count >= _LEAST_STEPS and impossible.sum() > _IMPOSSIBLE_SHARE * count:
+        if count >= FEWEST_READINGS and impossible.sum() > _IMPOSSIBLE_SHARE * count:
             first = float(time[int(np.argmax(impossible))])
             worst = float(column[int(np.argmax(impossible))])
             raise InputError(
                 f"{self._log.path}: channel {self._channel!r} from {first:.3f} s: "
                 f"{100 * impossible.sum() / count:.0f} % of its values cannot be the "
-                f"{quantity.replace('_', ' ')} (such as {worst:.4g} in SI): another "
-                "channel or unit, or swapped byte order in the DBC"
+                f"{quantity.replace('_', ' ')} (such as {worst:.4g} in SI): {_SUSPECTED}"
             )
         reason = f"values that no {quantity.replace('_', ' ')} has left out"
         self._log.remarks.add_readings(self._channel, reason, time, outside)

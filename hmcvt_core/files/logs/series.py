@@ -18,6 +18,9 @@ from ...transmission.ranges import Array
 PIECE_READINGS = 250_000
 """Readings of one channel that are held at a time; 2 MB for each column of numbers."""
 
+FEWEST_READINGS = 20
+"""Readings from which a share of them says something of a channel."""
+
 Report = Callable[[str], None]
 
 
@@ -81,6 +84,28 @@ class Remarks:
     """
 
     entries: dict[tuple[str, str], _Remark] = field(default_factory=dict)
+    _ranges: dict[str, tuple[int, int, float]] = field(default_factory=dict)
+
+    def note_range(self, channel: str, time: Array, outside: Any) -> None:
+        """Count readings outside the range that the file states, and all of the channel.
+
+        Args:
+            channel: name.
+            time: of all readings [s], shape (n,).
+            outside: which ones are outside, shape (n,).
+        """
+        bad, count, first = self._ranges.get(channel, (0, 0, math.nan))
+        if outside.any() and not bad:
+            first = float(time[int(np.argmax(outside))])
+        total = (bad + int(outside.sum()), count + len(time), first)
+        self._ranges[channel] = total
+
+    def share_outside(self, channel: str) -> tuple[float, float]:
+        """Return the share of readings outside the stated range, and the time of the first [s]."""
+        bad, count, first = self._ranges.get(channel, (0, 0, math.nan))
+        if count < FEWEST_READINGS:
+            return 0.0, first
+        return bad / count, first
 
     def add(
         self, channel: str, reason: str, time: float = math.nan, count: int = 1

@@ -134,6 +134,7 @@ class Signal:
             inside = (values >= self.low) & (values <= self.high)
         reason = f"readings outside {self.low:g} to {self.high:g} {self.unit} left out"
         remarks.add_readings(self.name, reason, time, usable & ~inside)
+        remarks.note_range(self.name, time[usable], ~inside[usable])
         usable = usable & inside
         return Series(time[usable], values[usable])
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -31,12 +32,19 @@ def open_tdms(path: Path) -> TdmsLog:
     """
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError:
         raise InputError(
             f'{path}: a TDMS file needs npTDMS: pip install "hmcvt_ros[tdms]"'
         ) from None
+    # What it warns of is in its `file_status`.
+    log_manager.set_level(logging.ERROR)
     try:
-        return TdmsLog(path, TdmsFile.open(path))
+        file = TdmsFile.open(path)
+        log = TdmsLog(path, file)
+        if file.file_status.incomplete_final_segment:
+            log.remarks.add("file", "cut off; what is before is used", count=0)
+        return log
     except Exception as error:  # npTDMS raises errors of many kinds for damage
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: no TDMS file that can be read ({words})") from None
