@@ -54,7 +54,7 @@ def _channel_options() -> Callable[[common.Function], common.Function]:
     """
   hmcvt estimate drive.blf --params params/tractor.yaml --engine params/engine.yaml
   hmcvt estimate drive.log --dbc maker.dbc --params params/tractor.yaml --out series.csv
-  hmcvt estimate logs --params params/tractor.yaml --map points.csv --json""",
+  hmcvt estimate season --params params/tractor.yaml --map points.csv --json""",
     logs.options_of_logs,
     common.picture_option,
     common.params_option,

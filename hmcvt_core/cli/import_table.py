@@ -60,7 +60,8 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
   hmcvt import raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
       --load-torque M --efficiency eta:%
   hmcvt import test.mf4 --out bench.csv --yes --save-mapping daq.yaml
-  hmcvt import bus.blf --dbc maker.dbc --out bench.csv --mapping daq.yaml""",
+  hmcvt import bus.blf --dbc bench.dbc --out bench.csv --yes
+  hmcvt import test.mf4 --out bench.csv --mapping daq.yaml""",
     logs.options_of_logs,
 )
 @click.argument("raw", metavar="TABLE")

@@ -16,13 +16,19 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import click
 import numpy as np
 import pytest
 import yaml
+from logs import recordings
 
 from hmcvt_core.cli import cli
+from studies.road.bus import MAKER, Faults, encode, write_trace
+from studies.road.drive import drive, machine_of
+from studies.road.scoring import well_known
 
 from .running import ROOT, script, write_raw_bench
 
@@ -131,8 +137,45 @@ def workplace(tmp_path, monkeypatch):
     (tmp_path / "my_transmission.yaml").write_text(
         yaml.safe_dump(train), encoding="utf-8"
     )
+    for name, content in _machine_logs().items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@functools.cache
+def _machine_logs():
+    """Return the logs of machines that the pages name, by path."""
+    time, columns = recordings.recorded()
+    rng = np.random.default_rng(3)
+    machine = machine_of(well_known(), rng)
+    messages = encode(
+        drive(machine, 12.0, rng), machine, Faults(0.0, (0.0, 0.0, 0.0, 0.0)), True
+    )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        recordings.write_mdf(folder / "test.mf4", time, columns)
+        recordings.write_dbc(folder / "bench.dbc")
+        recordings.write_can(folder / "bus.blf", time, columns)
+        write_trace(folder / "drive.blf", messages)
+        write_trace(folder / "drive.log", messages)
+        logs = {path.name: path.read_bytes() for path in folder.iterdir()}
+    logs["season/1.blf"] = logs["season/2.blf"] = logs["drive.blf"]
+    logs["maker.dbc"] = MAKER.encode()
+    logs["daq.yaml"] = DAQ.encode()
+    return logs
+
+
+DAQ = """kind: hmcvt table mapping
+columns:
+  engine_speed: n_engine:rpm
+  engine_torque: M_engine:N m
+  output_speed: n_output:rpm
+  output_torque: M_output:N m
+  displacement_ratio: PumpStroke:%
+"""
 
 
 def _write_logs(folder):

@@ -68,9 +68,10 @@ def _release(error: Exception) -> None:
         half_open = frame.f_locals.get("self")
         if type(half_open).__name__ != "MDF4":
             continue
-        file = getattr(half_open, "_file", None)
-        if file is not None:
-            file.close()
+        for name in ("_file", "_tempfile"):
+            file = getattr(half_open, name, None)
+            if file is not None:
+                file.close()
         half_open._closed = True
 
 

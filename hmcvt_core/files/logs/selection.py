@@ -60,8 +60,11 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
     "fuel_rate": (0.0, 0.1),
 }
 """What a sensor of a tractor can show, in SI units."""
-_JUMPS: Mapping[str, float] = {"engine_speed": 60.0, "output_speed": 100.0}
-"""Changes of a speed from one reading to the next that no shaft makes [rad/s]."""
+_FASTEST: Mapping[str, float] = {"engine_speed": 500.0, "output_speed": 1000.0}
+"""Accelerations that no shaft of a drive line reaches [rad/s2]; an engine without load reaches
+half of it."""
+_NOISE = 3.0
+"""Change of a speed between two readings that noise makes [rad/s]: 29 r/min."""
 
 
 class BusTorque(NamedTuple):
@@ -584,11 +587,11 @@ class _Check:
         with np.errstate(invalid="ignore"):
             outside = known & ((column < low) | (column > high))
         jumps = np.zeros(len(column), dtype=bool)
-        if quantity in _JUMPS:
-            near = np.diff(time, prepend=time[0]) < 1.0
+        if quantity in _FASTEST:
+            steps = np.diff(time, prepend=time[0])
             change = np.abs(np.diff(column, prepend=column[0]))
             with np.errstate(invalid="ignore"):
-                jumps = near & (change > _JUMPS[quantity])
+                jumps = change > _NOISE + _FASTEST[quantity] * steps
         impossible = outside | jumps
         if count >= FEWEST_READINGS and impossible.sum() > _IMPOSSIBLE_SHARE * count:
             first = float(time[int(np.argmax(impossible))])

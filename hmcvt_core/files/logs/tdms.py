@@ -20,6 +20,7 @@ from ..tables.units import to_si
 from .series import PIECE_READINGS, Channel, Log, Series, in_windows, rising
 
 SUFFIXES = (".tdms",)
+_START = b"TDSm"
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties in which programs write the unit, the first one as LabVIEW does."""
 
@@ -37,6 +38,9 @@ def open_tdms(path: Path) -> TdmsLog:
         raise InputError(
             f'{path}: a TDMS file needs npTDMS: pip install "hmcvt_ros[tdms]"'
         ) from None
+    with path.open("rb") as content:
+        if content.read(len(_START)) != _START:
+            raise InputError(f"{path}: no TDMS file: it does not begin as one does")
     # What it warns of is in its `file_status`.
     log_manager.set_level(logging.ERROR)
     try:
