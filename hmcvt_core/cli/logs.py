@@ -18,8 +18,14 @@ from ..files.logs.opening import open_log
 from ..files.logs.selection import Selection, Stated, select
 from ..files.logs.series import Log
 from ..files.tables.mapping import mapping_text, read_mapping
+from ..model.engine import load_engine
+from ..model.model import EfficiencyModel
+from ..monitoring import watch, watch_bus
 from . import common
 from .common import Answer
+
+OPEN = 4
+"""Exit code when a watch sees a gap or a drift."""
 
 SETTINGS = ("dbc", "reference_torque", "friction_torque", "stage_names")
 """Settings of a log that a mapping file holds besides its columns."""
@@ -212,6 +218,38 @@ def _command(
     if unchecked:
         words.append("--unchecked")
     return shlex.join(words)
+
+
+def watch_command(
+    path: str,
+    model: EfficiencyModel,
+    engine: str | None,
+    noise: float | None,
+    false_alarms: float,
+    given: Mapping[str, Any],
+) -> Answer:
+    """Watch a log: its steady windows as bench samples, or the bus against itself.
+
+    Args:
+        path: of the log.
+        model: in service.
+        engine: fuel map, or None.
+        noise: of the efficiency [-], where the log holds both shafts.
+        false_alarms: chance over a whole stream.
+        given: values of the options `SETTINGS`.
+    """
+    stated, dbc, _ = stated_by(None, {}, given)
+    with open_log(path, dbc) as log:
+        selection = select(log, stated)
+        if not what_is_missing(selection):
+            samples = import_log(log, selection).samples
+            opening = watch(model, samples, noise=noise, false_alarms=false_alarms)
+            return Answer(
+                opening.to_dict(), [opening.report()], OPEN if opening.open else 0
+            )
+        fuel_map = None if engine is None else load_engine(engine)
+        drift = watch_bus(log, selection, model, fuel_map, false_alarms=false_alarms)
+    return Answer(drift.to_dict(), [drift.report()], OPEN if drift.open else 0)
 
 
 def refuse_options_of_logs(given: Mapping[str, Any]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..transmission.ranges import EFFICIENCY_STD
 from .bench import BenchSamples
 from .logs.opening import open_log
 from .logs.selection import Selection, Stated, read_rows, select
@@ -26,6 +27,8 @@ _PIECE = 3600.0
 """Span of a log that is searched for windows at a time [s]; a window does not reach across."""
 _LEAST_STEP = 0.01
 """Least distance of two rows [s]: faster signals are thinned, so that an hour fits the memory."""
+_ROUNDED = 1.0 / np.sqrt(12.0)
+"""Standard deviation of rounding, in steps."""
 _USUAL_EFFICIENCY = (0.65, 0.97)
 """Median efficiency of a hydromechanical CVT at work; chosen from published benches."""
 
@@ -71,6 +74,7 @@ def import_log(
         columns.pop("output_speed", None)
     if not unchecked:
         _refuse_unusual(log, selection, columns)
+    _add_rounding(columns, selection)
     extra = {}
     if "stage" in chosen:
         extra["stage"] = tuple(stage for stage, _ in kept)
@@ -165,6 +169,25 @@ def _has_row(values: Mapping[str, Any]) -> bool:
 
 def _without(values: Mapping[str, Any], name: str) -> dict[str, Any]:
     return {key: column for key, column in values.items() if key != name}
+
+
+def _add_rounding(columns: dict[str, Any], selection: Selection) -> None:
+    """Add to `efficiency_std` what the steps of the torques hide.
+
+    In a steady window a torque of 1 % steps may not move at all, and its mean is no better.
+    """
+    speed = columns["engine_speed"]
+    into = columns["load_torque"] / columns["efficiency"]
+    parts = [columns["efficiency_std"] / columns["efficiency"]]
+    step = selection.resolution.get("engine_torque", 0.0)
+    parts.append(_ROUNDED * step / into)
+    if "output_speed" in columns:
+        out = columns["load_torque"] * speed / columns["output_speed"]
+        step = selection.resolution.get("output_torque", 0.0)
+        parts.append(_ROUNDED * step / out)
+    relative = np.sqrt(np.sum(np.square(parts), axis=0))
+    widened = columns["efficiency"] * relative
+    columns["efficiency_std"] = np.minimum(widened, EFFICIENCY_STD.high)
 
 
 def _note(rows: int, windows: Sequence[Windows]) -> str:
