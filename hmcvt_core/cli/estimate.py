@@ -149,7 +149,7 @@ def command(
     gives the rest, with intervals of 90 %.
     """
     common.one_of("say where to work", processes=processes, scheduler=scheduler)
-    found = logs_in(paths)
+    machine_logs = logs_in(paths)
     inputs = [*paths, dbc, mapping, engine, params]
     common.keep_inputs(inputs, [out, map_file, picture])
     given = {
@@ -171,12 +171,12 @@ def command(
             engine_inertia=engine_inertia,
         ),
     )
-    if len(found) == 1:
-        together = Together(_one(str(found[0]), job, out), ())
+    if len(machine_logs) == 1:
+        together = Together(_one(str(machine_logs[0]), job, out), ())
     else:
         if out is not None:
-            raise InputError(f"--out takes one log, not {len(found)}")
-        together = _several(job, found, processes, scheduler)
+            raise InputError(f"--out takes one log, not {len(machine_logs)}")
+        together = _several(job, machine_logs, processes, scheduler)
     result = together.estimate
     if map_file is not None:
         result.write_map(map_file)

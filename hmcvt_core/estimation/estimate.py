@@ -138,7 +138,7 @@ def estimate(
     out: str | os.PathLike[str] | None = None,
     settings: EstimateSettings | None = None,
     progress: Report | None = None,
-    each: Callable[[Rows], None] | None = None,
+    on_rows: Callable[[Rows], None] | None = None,
 ) -> Estimate:
     """Estimate output torque and power, losses and efficiency over a log.
 
@@ -152,7 +152,7 @@ def estimate(
         out: CSV file for the rows, `stamp` to `efficiency`.
         settings: errors of the bus.
         progress: called with how much of the log is read.
-        each: called with the rows of each piece.
+        on_rows: called with the rows of each piece.
 
     Returns:
         Energies, fuel, hours by stage, and the map of operating points.
@@ -174,8 +174,8 @@ def estimate(
         for rows in run.pieces():
             if file is not None:
                 file.write(rows)
-            if each is not None:
-                each(rows)
+            if on_rows is not None:
+                on_rows(rows)
             if progress is not None:
                 progress(f"{100.0 * opened.progress_of():.0f} %")
         notes = (*_notes(selection), *opened.remarks.lines)

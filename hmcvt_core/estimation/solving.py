@@ -63,20 +63,24 @@ class StageSolver:
 
     Args:
         model: of one stage.
+
+    Attributes:
+        stage: gear train of the stage.
     """
 
     def __init__(self, model: EfficiencyModel) -> None:
         self._model = model
+        self.stage = model.stage
         self._balance = model.balance(NO_OPTIMUM)
 
     @cached_property
     def reach(self) -> tuple[float, float]:
         """Lowest and highest speed ratio without slip [-]."""
-        ends = speed_ratio(self._model.stage, np.array([-1.0, 1.0]))
-        if self._model.stage.layout == "output_coupled":
+        ends = speed_ratio(self.stage, np.array([-1.0, 1.0]))
+        if self.stage.layout == "output_coupled":
             # Beyond a pole the ratio turns round: the whole range is searched.
             strokes = np.linspace(-1.0, 1.0, 401)
-            ends = speed_ratio(self._model.stage, strokes)
+            ends = speed_ratio(self.stage, strokes)
             ends = ends[~self._balance.beyond_pole(strokes)]
         return float(np.min(ends)), float(np.max(ends))
 
@@ -271,6 +275,6 @@ class Stages:
     @staticmethod
     def _stroke_without_slip(solver: StageSolver, ratio: Array) -> Array:
         strokes = np.linspace(-1.0, 1.0, 201)
-        ratios = speed_ratio(solver._model.stage, strokes)
+        ratios = speed_ratio(solver.stage, strokes)
         order = np.argsort(ratios)
         return np.interp(ratio, ratios[order], strokes[order])

@@ -56,15 +56,7 @@ def import_log(
     if missing:
         raise InputError(_lacking(log, selection, missing))
     chosen = [name for name in selection.quantities if name != "fuel_rate"]
-    windows: list[Windows] = []
-    rows = 0
-    for values, stages in _hours(log, selection, chosen, progress):
-        rows += len(values["stamp"])
-        if not _has_row(values):
-            continue
-        if not unchecked:
-            _refuse(log, [*contradictions(_without(values, "stamp"), {})])
-        windows.append(windows_of(values, stages, str(log.path)))
+    rows, windows = _windows(log, selection, chosen, unchecked, progress)
     kept = [window for part in windows for window in part.kept]
     note = _note(rows, windows)
     if not kept:
@@ -79,14 +71,37 @@ def import_log(
     if "stage" in chosen:
         extra["stage"] = tuple(stage for stage, _ in kept)
     samples = BenchSamples(**columns, extra=extra, source=str(log.path))
-    notes = [*selection.proposal.notes, note]
-    for part in windows:
-        notes += [line for line in part.notes if line not in notes]
+    notes = [*selection.proposal.notes, note, *_unique_notes(windows)]
     notes += log.remarks.lines
     shafts = shafts_note(columns, selection.columns)
     if shafts:
         notes.append(shafts)
     return Imported(samples, (), tuple(notes))
+
+
+def _windows(
+    log: Log,
+    selection: Selection,
+    chosen: Sequence[str],
+    unchecked: bool,
+    progress: Report | None,
+) -> tuple[int, list[Windows]]:
+    """Return the count of joined rows, and the steady windows of every hour."""
+    windows = []
+    rows = 0
+    for values, stages in _hours(log, selection, chosen, progress):
+        rows += len(values["stamp"])
+        if not _has_row(values):
+            continue
+        if not unchecked:
+            _refuse(log, [*contradictions(_without(values, "stamp"), {})])
+        windows.append(windows_of(values, stages, str(log.path)))
+    return rows, windows
+
+
+def _unique_notes(windows: Sequence[Windows]) -> list[str]:
+    notes = [note for part in windows for note in part.notes]
+    return list(dict.fromkeys(notes))
 
 
 def read_log(path: str | os.PathLike[str]) -> BenchSamples:

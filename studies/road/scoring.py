@@ -86,7 +86,7 @@ def scored(
         dbc = folder / "maker.dbc"
         dbc.write_text(MAKER)
     parts: list[Rows] = []
-    result = estimate(trace, model, dbc=dbc, settings=settings, each=parts.append)
+    result = estimate(trace, model, dbc=dbc, settings=settings, on_rows=parts.append)
     totals = result.totals
     time = np.concatenate([rows.time for rows in parts]) - EPOCH
     power = np.concatenate([rows.output_power for rows in parts])

@@ -159,6 +159,7 @@ def _machine_logs():
         recordings.write_mdf(folder / "test.mf4", time, columns)
         recordings.write_dbc(folder / "bench.dbc")
         recordings.write_can(folder / "bus.blf", time, columns)
+        recordings.write_drive(folder / "drive.mf4")
         write_trace(folder / "drive.blf", messages)
         write_trace(folder / "drive.log", messages)
         logs = {path.name: path.read_bytes() for path in folder.iterdir()}

@@ -95,6 +95,29 @@ def write_mdf(path, time, columns, units=UNITS):
     mdf.close()
 
 
+def write_drive(path):
+    """Engine, output and fuel of a tractor at three steady points, as MDF."""
+    engine = hmcvt.load_engine(hmcvt.data_path("params/engine.yaml"))
+    speed = np.repeat([150.0, 170.0, 190.0], 80)
+    torque = np.repeat([300.0, 400.0, 350.0], 80)
+    write_mdf(
+        path,
+        np.arange(len(speed)) * 0.1,
+        {
+            "EngineSpeed": speed / RPM,
+            "EngineTorque": torque,
+            "OutputShaftSpeed": 0.6 * speed / RPM,
+            "FuelRate": 3600.0 * engine.fuel_rate(speed, torque),
+        },
+        {
+            "EngineSpeed": "rpm",
+            "EngineTorque": "Nm",
+            "OutputShaftSpeed": "rpm",
+            "FuelRate": "kg/h",
+        },
+    )
+
+
 def write_tdms(path, time, columns, units=UNITS):
     from nptdms import ChannelObject, TdmsWriter
 

@@ -90,7 +90,7 @@ def test_duplicates_change_nothing(tmp_path, messages):
     twice = [m for m in messages for _ in range(2)]
     result = estimated(tmp_path, twice)
     assert result.to_dict()["energy"] == pytest.approx(sound["energy"])
-    assert any("at a time that was there" in note for note in result.notes)
+    assert any("at a repeated time" in note for note in result.notes)
 
 
 def test_two_senders(tmp_path, messages):

@@ -65,7 +65,7 @@ def open_mdf(path: Path) -> Any:
 def _release(error: Exception) -> None:
     """Let an object of asammdf that was not opened be deleted without a complaint on stderr."""
     for frame, _ in traceback.walk_tb(error.__traceback__):
-        half_open = frame.f_locals.get("self")
+        half_open: Any = frame.f_locals.get("self")
         if type(half_open).__name__ != "MDF4":
             continue
         for name in ("_file", "_tempfile"):

@@ -177,8 +177,8 @@ class Selection:
             )
         if not self.stage_names or not len(texts):
             return texts
-        found, index = np.unique(texts, return_inverse=True)
-        names = [self.stage_names.get(str(text), "") for text in found]
+        codes, index = np.unique(texts, return_inverse=True)
+        names = [self.stage_names.get(str(code), "") for code in codes]
         return np.array(names, dtype=str)[index]
 
 

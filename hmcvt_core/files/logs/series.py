@@ -235,7 +235,7 @@ def rising(series: Series, last: float, remarks: Remarks, channel: str) -> Serie
     if later.all():
         return series
     same = time == before
-    remarks.add_readings(channel, "readings at a time that was there", time, same)
+    remarks.add_readings(channel, "readings at a repeated time left out", time, same)
     back = ~later & ~same
     remarks.add_readings(channel, "readings out of order left out", time, back)
     return Series(time[later], series.values[later])
