@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from ..errors import InputError
-from ..estimation import Estimate, EstimateSettings, estimate
+from ..estimation import Estimate, EstimateSettings
 from ..fleet.executors import Processes, on_cluster
 from ..fleet.road import Job, Together, estimate_together, logs_in
 from ..model.engine import load_engine
@@ -190,16 +190,7 @@ def command(
 
 def _one(path: str, job: Job, out: str | None) -> Estimate:
     with common.Progress("estimating") as progress:
-        return estimate(
-            path,
-            job.model,
-            job.engine,
-            dbc=job.dbc,
-            stated=job.stated,
-            out=out,
-            settings=job.settings,
-            progress=progress,
-        )
+        return job.run(path, out, progress)
 
 
 def _several(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -134,7 +134,10 @@ def estimate(
     engine: Engine | None = None,
     *,
     dbc: str | os.PathLike[str] | None = None,
-    stated: Stated | None = None,
+    channels: Mapping[str, str] | None = None,
+    reference_torque: float | None = None,
+    friction_torque: float | None = None,
+    stage_names: Mapping[str, str] | None = None,
     out: str | os.PathLike[str] | None = None,
     settings: EstimateSettings | None = None,
     progress: Report | None = None,
@@ -148,7 +151,12 @@ def estimate(
         engine: fuel map; needed where the bus states a fuel rate and no torque, and for the fuel
             where it states none.
         dbc: signals of a maker's CAN messages.
-        stated: channels and settings that the user names.
+        channels: `CHANNEL` or `CHANNEL:UNIT` by quantity, such as
+            `{"output_speed": "n_out:rpm"}`; those left out are proposed.
+        reference_torque: engine torque of 100 % [N m], where the bus does not state it.
+        friction_torque: friction of the engine as a part of it [-], where the bus does not
+            state it.
+        stage_names: stage by what stands in its channel; the text itself when left out.
         out: CSV file for the rows, `stamp` to `efficiency`.
         settings: errors of the bus.
         progress: called with how much of the log is read.
@@ -164,7 +172,13 @@ def estimate(
         opened = log
         if not isinstance(opened, Log):
             opened = stack.enter_context(open_log(opened, dbc))
-        selection = select(opened, stated or Stated())
+        stated = Stated(
+            channels or {},
+            reference_torque,
+            None if friction_torque is None else 100.0 * friction_torque,
+            stage_names or {},
+        )
+        selection = select(opened, stated)
         _require_quantities(opened, selection, engine)
         file = None
         if out is not None:

@@ -19,6 +19,7 @@ from ..estimation import Estimate, EstimateSettings, estimate
 from ..estimation.totals import Totals
 from ..files.logs.opening import is_log
 from ..files.logs.selection import Stated
+from ..files.logs.series import Report
 from ..model.engine import Engine
 from ..model.model import EfficiencyModel
 from .executors import study_all
@@ -41,6 +42,33 @@ class Job:
     dbc: str | None = None
     stated: Stated = field(default_factory=Stated)
     settings: EstimateSettings = field(default_factory=EstimateSettings)
+
+    def run(
+        self, path: str, out: str | None = None, progress: Report | None = None
+    ) -> Estimate:
+        """Estimate one log.
+
+        Args:
+            path: of the log.
+            out: CSV file for its rows, or None.
+            progress: called with how much of the log is read.
+
+        Raises:
+            InputError: as of `estimate`.
+        """
+        return estimate(
+            path,
+            self.model,
+            self.engine,
+            dbc=self.dbc,
+            channels=self.stated.columns,
+            reference_torque=self.stated.reference_torque,
+            friction_torque=_part(self.stated.friction_torque),
+            stage_names=self.stated.stage_names,
+            out=out,
+            settings=self.settings,
+            progress=progress,
+        )
 
 
 class Together(NamedTuple):
@@ -117,11 +145,8 @@ def estimate_together(
 
 def _estimate_one(job: Job, path: str) -> Estimate:
     """Estimate one log; runs in a worker."""
-    return estimate(
-        path,
-        job.model,
-        job.engine,
-        dbc=job.dbc,
-        stated=job.stated,
-        settings=job.settings,
-    )
+    return job.run(path)
+
+
+def _part(percent: float | None) -> float | None:
+    return None if percent is None else 0.01 * percent

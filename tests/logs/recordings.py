@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One recording of a bench, written in many formats by the libraries that own them."""
 
 import csv

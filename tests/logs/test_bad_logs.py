@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Logs that are damaged or misunderstood: one line each, and what can be used is used."""
 
 import numpy as np
@@ -5,7 +6,6 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.files.logs.selection import Stated
 from studies.road.bus import EPOCH, MAKER, Encoded, Faults, encode, write_trace
 from studies.road.drive import drive, machine_of
 from studies.road.scoring import well_known
@@ -154,9 +154,9 @@ def test_a_message_that_is_not_on_the_bus(tmp_path, messages):
     without = [m for m in messages if m.identifier != ETC1]
     with pytest.raises(hmcvt.InputError, match="output_speed"):
         estimated(tmp_path, without)
-    stated = Stated({"output_speed": "J1939.OutputShaftSpeed"})
+    channels = {"output_speed": "J1939.OutputShaftSpeed"}
     with pytest.raises(hmcvt.InputError, match="no frame of message ETC1"):
-        estimated(tmp_path, without, stated=stated)
+        estimated(tmp_path, without, channels=channels)
 
 
 def test_reference_and_friction_are_asked(tmp_path, messages):
@@ -166,8 +166,8 @@ def test_reference_and_friction_are_asked(tmp_path, messages):
     ec1 = [m for m in messages if m.identifier not in (0x1CECFF00, 0x1CEBFF00)]
     with pytest.raises(hmcvt.InputError, match="--reference-torque"):
         estimated(tmp_path, ec1)
-    stated = Stated(reference_torque=800.0, friction_torque=8.0)
-    assert estimated(tmp_path, eec3, stated=stated).totals.coverage > 0.9
+    stated = {"reference_torque": 800.0, "friction_torque": 0.08}
+    assert estimated(tmp_path, eec3, **stated).totals.coverage > 0.9
 
 
 def test_stages_by_another_name(tmp_path, messages):
@@ -220,7 +220,7 @@ def test_a_cut_off_mdf_and_tdms(tmp_path):
         assert done.code in (0, 2)
         text = done.out + done.err
         assert name in text and "Traceback" not in text
-        assert "cut off" in text or "no MDF file that can be read" in text
+        assert "cut off" in text or "no MDF file that asammdf can read" in text
         assert "ignored" not in text
 
 

@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt estimate` on the bus of a simulated tractor."""
 
 import csv

@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The public signals of J1939, on frames from elsewhere and on codes for no value."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The same bench samples come out of one recording in every format."""
 
 import numpy as np

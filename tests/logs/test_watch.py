@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt watch` on the bus of a machine: no drift, and fuel or slip that drift."""
 
 import json

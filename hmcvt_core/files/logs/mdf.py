@@ -57,8 +57,8 @@ def open_mdf(path: Path) -> Any:
         _release(error)
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"{path}: no MDF file that can be read ({words}); a file that was not closed "
-            "may be repaired by the tool that wrote it"
+            f"{path}: no MDF file that asammdf can read ({words}); a file that was not "
+            "closed may be repaired by the tool that wrote it"
         ) from None
 
 
