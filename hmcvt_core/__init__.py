@@ -15,6 +15,7 @@ from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
 from .diagnosis.observations import Observations
 from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
+from .estimation import Estimate, EstimateSettings, estimate
 from .export import export_c, export_fmu, export_mat
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
@@ -50,6 +51,8 @@ __all__ = [
     "EfficiencyMap",
     "EfficiencyModel",
     "Engine",
+    "Estimate",
+    "EstimateSettings",
     "GearPair",
     "HmcvtError",
     "HydraulicParameters",
@@ -76,6 +79,7 @@ __all__ = [
     "diagnose",
     "diagnose_system",
     "diagnose_unit",
+    "estimate",
     "export_c",
     "export_fmu",
     "export_mat",

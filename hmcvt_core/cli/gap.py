@@ -10,6 +10,7 @@ from ..benches import transmission
 from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
 from ..files.bench import BenchSamples, read_bench
+from ..files.logs.opening import is_log
 from ..files.units import AXES, KINDS, UnitSamples, read_unit
 from ..model.parameter_file import save_model
 from ..monitoring import FALSE_ALARMS
@@ -17,14 +18,12 @@ from ..monitoring import watch as watch_samples
 from ..report import write_report
 from ..report.gap_map import draw_gap
 from ..report.pictures import save
-from . import common
+from . import common, logs
 from .common import Answer
+from .logs import OPEN
 
 READERS = "hmcvt.readers"
 """Entry points that read bench samples from other files: ending (or `folder`) = function(path)."""
-
-OPEN = 4
-"""Exit code when a gap has opened."""
 
 
 @common.command(
@@ -178,7 +177,9 @@ def separable(
     "watch",
     """
   hmcvt watch samples.csv
-  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""",
+  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json
+  hmcvt watch drive.mf4 --params params/tractor.yaml --engine params/engine.yaml""",
+    logs.options_of_logs,
     common.params_option,
     common.noise_option,
 )
@@ -191,15 +192,41 @@ def separable(
     default=FALSE_ALARMS,
     help="Chance of one in a whole stream, however long.",
 )
+@click.option(
+    "--engine",
+    metavar="E.yaml",
+    help="Fuel map, for the log of a machine that states fuel and engine torque.",
+)
 def watch(
-    samples: str, params: str | None, noise: float | None, false_alarms: float
+    samples: str,
+    params: str | None,
+    noise: float | None,
+    false_alarms: float,
+    engine: str | None,
+    dbc: str | None,
+    reference_torque: float | None,
+    friction_torque: float | None,
+    stage_names: str | None,
 ) -> Answer:
     """Report whether a gap has opened between model and bench, since when and how large.
 
-    SAMPLES is a bench file, or a bag where hmcvt_ros is installed; its samples are taken one by
-    one, by their stamps where they have any. Exit code 4 when a gap has opened, else 0.
+    SAMPLES is a bench file, a bag where hmcvt_ros is installed, or a log (MDF4, TDMS, CAN); its
+    samples are taken one by one, by their stamps where they have any. A log without output torque
+    is watched within what a bus can tell: fuel against engine torque, and the slip of the output.
+    Exit code 4 when a gap has opened, else 0.
     """
     model = common.model_from(params)
+    of_logs = {
+        "dbc": dbc,
+        "reference_torque": reference_torque,
+        "friction_torque": friction_torque,
+        "stage_names": stage_names,
+    }
+    if is_log(samples):
+        return logs.watch_command(samples, model, engine, noise, false_alarms, of_logs)
+    logs.refuse_options_of_logs({**of_logs})
+    if engine is not None:
+        raise click.UsageError("--engine is for the log of a machine")
     opening = watch_samples(
         model, _read(samples), noise=noise, false_alarms=false_alarms
     )

@@ -11,12 +11,13 @@ import click
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples, write_bench
+from ..files.logs.opening import is_log
 from ..files.raw import Column, Imported, Proposal, choose_columns, import_table
 from ..files.tables.header import RawTable
 from ..files.tables.mapping import mapping_text, read_mapping
 from ..files.tables.units import UNITS
 from ..transmission.ranges import BENCH_COLUMNS
-from . import common
+from . import common, logs
 from .common import Answer
 
 _TEXTS = {
@@ -58,7 +59,11 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
       --engine-speed n_engine:rpm --engine-torque M_engine \\
       --output-speed n_output:rpm --output-torque M_output
   hmcvt import raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
-      --load-torque M --efficiency eta:%""",
+      --load-torque M --efficiency eta:%
+  hmcvt import test.mf4 --out bench.csv --yes --save-mapping daq.yaml
+  hmcvt import bus.blf --dbc bench.dbc --out bench.csv --yes
+  hmcvt import test.mf4 --out bench.csv --mapping daq.yaml""",
+    logs.options_of_logs,
 )
 @click.argument("raw", metavar="TABLE")
 @click.option(
@@ -132,18 +137,34 @@ def command(
     skip_bad: bool,
     averaged: bool,
     unchecked: bool,
+    dbc: str | None,
+    reference_torque: float | None,
+    friction_torque: float | None,
+    stage_names: str | None,
     **given: str | None,
 ) -> Answer:
-    """Turn the table of your bench (CSV, Excel) into bench samples.
+    """Turn the table or the log of your bench into bench samples.
 
-    Each option names a column of TABLE, or a number for all rows, and the unit; without a unit
-    that of the header holds, else the first in brackets. For what is not named, columns are
-    proposed: without --yes the proposal is shown and nothing is written. What the table leaves
-    open is asked. Efficiency and load torque are computed where no column holds them. Other
-    columns are kept. A recording is cut into its steady windows.
+    TABLE is CSV or Excel, or a log: MDF4, TDMS, or a CAN trace. Each option names a column of
+    TABLE, or a number for all rows, and the unit; without a unit that of the header holds, else
+    the first in brackets. For what is not named, columns are proposed: without --yes the proposal
+    is shown and nothing is written. What the table leaves open is asked. Efficiency and load
+    torque are computed where no column holds them. Other columns are kept. A recording is cut into
+    its steady windows.
     """
     inputs = [raw] if mapping is None else [raw, mapping]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
+    of_logs = {
+        "dbc": dbc,
+        "reference_torque": reference_torque,
+        "friction_torque": friction_torque,
+        "stage_names": stage_names,
+    }
+    if is_log(raw):
+        return logs.import_command(
+            raw, out, mapping, save_mapping, yes, unchecked, given, of_logs
+        )
+    logs.refuse_options_of_logs(of_logs)
     settings: dict[str, Any] = {
         "header_row": header_row,
         "sheet": sheet,
@@ -208,6 +229,8 @@ def _named_columns(
     if mapping is not None:
         named, saved = read_mapping(mapping)
         for name, value in saved.items():
+            if name not in settings:
+                raise InputError(f"{mapping}: {name} is for logs, not for a table")
             if settings[name] is None:
                 settings[name] = value
     for quantity, text in given.items():

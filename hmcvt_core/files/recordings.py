@@ -167,6 +167,60 @@ def cut(
         InputError: no window is steady and in range.
     """
     rows = len(values["stamp"])
+    part = windows_of(values, extra.get("stage", [""] * rows), source)
+    kept = part.kept
+    note = (
+        f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
+        f"{part.limits.min_duration:g} s and more (--averaged takes each row as a test); "
+        f"{part.out_of_range} windows out of range and {part.incomplete} rows "
+        "without a number left out"
+    )
+    if not kept:
+        raise InputError(f"{source}: {note}{_no_window(part.span, part.limits)}")
+    notes = [note, *part.notes]
+    not_averaged = [name for name in _NOT_AVERAGED if name in values]
+    not_averaged += [name for name in extra if name != "stage"]
+    if not_averaged:
+        notes.append(f"not averaged, left out: {', '.join(not_averaged)}")
+    columns = bench_columns([sample for _, sample in kept])
+    if "output_speed" not in values:
+        columns.pop("output_speed", None)
+    return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+
+
+class Windows(NamedTuple):
+    """Steady windows of a recording, or of a part of it.
+
+    Attributes:
+        kept: stage and averages of each window that makes a bench sample.
+        out_of_range: windows that make none.
+        incomplete: rows that lack a number.
+        span: time that the usable rows cover [s].
+        limits: when a window counts as steady.
+        notes: what was left out or joined.
+    """
+
+    kept: list[tuple[str, dict[str, float]]]
+    out_of_range: int
+    incomplete: int
+    span: float
+    limits: Steadiness
+    notes: tuple[str, ...]
+
+
+def windows_of(
+    values: Mapping[str, Array], stage_of_row: Sequence[str], source: str
+) -> Windows:
+    """Find the steady windows of a recording.
+
+    Args:
+        values: SI values with `stamp`, shape (n,) each, NaN where a cell holds none.
+        stage_of_row: stage engaged, n of them.
+        source: name of the file, for messages.
+
+    Raises:
+        InputError: no row holds all quantities.
+    """
     signals, out_of_range = _in_range(_averaged_signals(values))
     needed = [name for name in signals if name != "oil_temperature"]
     time = values["stamp"]
@@ -177,31 +231,23 @@ def cut(
     usable = complete & (joined["engine_speed"] > 0.0)
     if not usable.any():
         raise InputError(f"{source}: {_no_row(time, signals, needed)}")
-    stages = np.array(extra.get("stage", [""] * rows))[usable]
+    stages = np.array(stage_of_row)[usable]
     readings = _readings(time[usable], {n: c[usable] for n, c in joined.items()})
     block = max(1.0, 4.0 * _median_step(readings.time))
     limits = Steadiness(max(5.0, 3.0 * block), block)
     tests = _tests_by_stage(readings, stages, limits)
     kept = [(stage, sample) for stage, sample in tests if complaint(sample) is None]
-    note = (
-        f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
-        f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
-        f"{len(tests) - len(kept)} windows out of range and {np.sum(~usable)} rows "
-        "without a number left out"
-    )
-    if not kept:
-        raise InputError(f"{source}: {note}{_no_window(readings, limits)}")
-    notes = [note, *out_of_range]
+    notes = list(out_of_range)
     if joined is not signals:
         notes.append("signals of rows of their own were joined by time")
-    not_averaged = [name for name in _NOT_AVERAGED if name in values]
-    not_averaged += [name for name in extra if name != "stage"]
-    if not_averaged:
-        notes.append(f"not averaged, left out: {', '.join(not_averaged)}")
-    columns = _bench_columns([sample for _, sample in kept])
-    if "output_speed" not in values:
-        columns.pop("output_speed", None)
-    return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+    return Windows(
+        kept,
+        len(tests) - len(kept),
+        int(np.sum(~usable)),
+        readings.span,
+        limits,
+        tuple(notes),
+    )
 
 
 _NOT_AVERAGED = ("pressure", "efficiency_std")
@@ -229,7 +275,7 @@ def _tests_by_stage(
     return tests
 
 
-def _bench_columns(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def bench_columns(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the columns of samples that have the same keys."""
     columns = {}
     for name in samples[0]:
@@ -337,10 +383,10 @@ def _no_row(time: Array, signals: Mapping[str, Array], needed: Sequence[str]) ->
     )
 
 
-def _no_window(readings: Readings, limits: Steadiness) -> str:
-    if readings.span >= limits.min_duration:
+def _no_window(span: float, limits: Steadiness) -> str:
+    if span >= limits.min_duration:
         return "; nothing stays steady for so long"
-    return f"; it lasts {readings.span:.3g} s"
+    return f"; it lasts {span:.3g} s"
 
 
 def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:

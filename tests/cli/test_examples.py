@@ -16,15 +16,21 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import click
 import numpy as np
 import pytest
 import yaml
+from logs import recordings
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, save_model
 from hmcvt_core.cli import cli
 from hmcvt_core.model.parameter_file import load_stages
+from studies.road.bus import MAKER, Faults, encode, write_trace
+from studies.road.drive import drive, machine_of
+from studies.road.scoring import well_known
 
 from .running import ROOT, run, script, write_raw_bench
 
@@ -134,6 +140,10 @@ def workplace(tmp_path, monkeypatch):
         yaml.safe_dump(train), encoding="utf-8"
     )
     _write_stages(tmp_path)
+    for name, content in _machine_logs().items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -152,6 +162,40 @@ def _write_stages(folder):
     parameters = HydraulicParameters(9e-12, 0.072, 0.129)
     model = EfficiencyModel(stages[0], parameters, other_stages=tuple(stages[1:]))
     save_model(model, folder / "stages_model.yaml")
+
+
+@functools.cache
+def _machine_logs():
+    """Return the logs of machines that the pages name, by path."""
+    time, columns = recordings.recorded()
+    rng = np.random.default_rng(3)
+    machine = machine_of(well_known(), rng)
+    messages = encode(
+        drive(machine, 12.0, rng), machine, Faults(0.0, (0.0, 0.0, 0.0, 0.0)), True
+    )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        recordings.write_mdf(folder / "test.mf4", time, columns)
+        recordings.write_dbc(folder / "bench.dbc")
+        recordings.write_can(folder / "bus.blf", time, columns)
+        recordings.write_drive(folder / "drive.mf4")
+        write_trace(folder / "drive.blf", messages)
+        write_trace(folder / "drive.log", messages)
+        logs = {path.name: path.read_bytes() for path in folder.iterdir()}
+    logs["season/1.blf"] = logs["season/2.blf"] = logs["drive.blf"]
+    logs["maker.dbc"] = MAKER.encode()
+    logs["daq.yaml"] = DAQ.encode()
+    return logs
+
+
+DAQ = """kind: hmcvt table mapping
+columns:
+  engine_speed: n_engine:rpm
+  engine_torque: M_engine:N m
+  output_speed: n_output:rpm
+  output_torque: M_output:N m
+  displacement_ratio: PumpStroke:%
+"""
 
 
 def _write_logs(folder):
