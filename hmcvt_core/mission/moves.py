@@ -1,0 +1,116 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which working point the machine can reach from which one within a step.
+
+The engine speed changes by at most its rate. The displacement ratio changes by at most its rate in
+the time that a stage change leaves. To and from standstill no stage change is counted: the clutches
+are open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..transmission.ranges import Array
+from .points import WorkingPoints
+from .vehicle import Limits
+
+_ROUNDING = 1e-9  # of a limit
+
+
+class State(NamedTuple):
+    """Where the drive line is.
+
+    Attributes:
+        stage: position in `Grid.stages`.
+        speed: position in `Grid.engine_speed`.
+        stroke: displacement ratio [-]; NaN in neutral.
+    """
+
+    stage: int
+    speed: int
+    stroke: float
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Highest changes within a step.
+
+    Attributes:
+        speed: of the engine speed, in steps of the grid.
+        stroke: of the displacement ratio without a stage change [-].
+        stroke_changing: of the displacement ratio with one [-].
+        neutral: position of the neutral state among the stages.
+    """
+
+    speed: int
+    stroke: float
+    stroke_changing: float
+    neutral: int
+
+    @classmethod
+    def of(cls, limits: Limits, points: WorkingPoints, step: float) -> Moves:
+        """Return the moves of a machine within a step of the cycle [s].
+
+        Raises:
+            InputError: a stage change takes longer than the step.
+        """
+        left = step - limits.stage_change_time
+        if left < 0.0:
+            raise InputError(
+                f"a stage change takes {limits.stage_change_time:g} s, which is longer than "
+                f"the step of {step:g} s: give a longer step"
+            )
+        rate = limits.displacement_rate * (1.0 + _ROUNDING)
+        return cls(points.grid.reach, rate * step, rate * left, points.grid.neutral)
+
+    def changes(self, before: int, after: int) -> bool:
+        """Whether going from one stage to another is a stage change."""
+        return before != after and self.neutral not in (before, after)
+
+    def stroke_limit(self, before: int, after: int) -> float:
+        """Return the highest change of the displacement ratio between two stages [-]."""
+        if self.changes(before, after):
+            return self.stroke_changing
+        return self.stroke
+
+    def reachable(self, state: State, stroke: Array) -> NDArray[np.bool_]:
+        """Return which points are reached from a state.
+
+        Args:
+            state: in the step before.
+            stroke: of the points of a step, shape (s, m) [-].
+        """
+        stages, speeds = stroke.shape
+        distance = np.abs(np.arange(speeds) - state.speed)
+        limits = np.full(stages, self.stroke_changing)
+        limits[state.stage] = self.stroke
+        # A stroke that is not known is one in neutral: any may follow.
+        too_far = np.abs(stroke - state.stroke) > limits[:, None]
+        return (distance <= self.speed) & ~too_far
+
+    def cost(self, state: State | None, points: WorkingPoints, step: int) -> Array:
+        """Return the fuel of each point of a step, infinite where it is not reached.
+
+        Args:
+            state: in the step before; None where any point may be taken.
+            points: of the cycle.
+            step: of the cycle.
+
+        Returns:
+            Shape (s, m) [kg/s].
+        """
+        if state is None:
+            return points.fuel[step]
+        fuel = points.fuel_changing[step].copy()
+        kept = state.stage
+        fuel[kept] = points.fuel[step, kept]
+        fuel[self.neutral] = points.fuel[step, self.neutral]
+        if kept == self.neutral:
+            fuel = points.fuel[step]
+        reached = self.reachable(state, points.stroke[step])
+        return np.where(reached, fuel, np.inf)
