@@ -7,6 +7,7 @@ The programme knows the cycle in advance, which no strategy does. It obeys the l
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,7 +56,7 @@ class Bound:
     @property
     def error(self) -> float:
         """Stated error of the grid: what halving the distance has changed [kg]."""
-        return self.coarse_fuel - self.fuel
+        return abs(self.coarse_fuel - self.fuel)
 
 
 def bound(drive: Drive, cycle: Cycle, points: WorkingPoints) -> Bound:
@@ -66,13 +67,12 @@ def bound(drive: Drive, cycle: Cycle, points: WorkingPoints) -> Bound:
         cycle: demand.
         points: working points, as strategies choose among.
     """
-    speeds = points.grid.engine_speed
     coarse = speed_grid(
         points.grid.stages[:-1],
         drive.engine,
         drive.vehicle.limits,
         cycle.step,
-        2.0 * float(speeds[1] - speeds[0]),
+        2.0 * points.grid.spacing,
     )
     coarse_points = working_points(drive, cycle, coarse)
     path = least_fuel_path(drive, cycle, points)
@@ -157,24 +157,23 @@ def _step(
         Two arrays of shape (s, m); infinite fuel where the point is not reached.
     """
     stages, speeds = value.shape
-    width = ((0, 0), (moves.speed, moves.speed))
-    window = 2 * moves.speed + 1
-    # Row i of a window holds the points from which engine speed i is reached.
-    values = sliding_window_view(
-        np.pad(value, width, constant_values=np.inf), window, axis=1
-    )
-    strokes = sliding_window_view(
-        np.pad(points.stroke[k - 1], width, constant_values=np.nan), window, axis=1
-    )
+    # Points that lie on a limit are less than two spacings from their place in the grid.
+    reach = math.ceil(moves.engine_speed / points.grid.spacing) + 2
+    values = _windows(value, reach, np.inf)
+    strokes = _windows(points.stroke[k - 1], reach, np.nan)
+    engine_speeds = _windows(points.engine_speed[k - 1], reach, np.nan)
     sources = np.flatnonzero(np.isfinite(value).any(axis=1)).tolist()
     reached = np.full((stages, speeds), np.inf)
     before = np.zeros((stages, speeds), dtype=np.intp)
     column = np.arange(speeds)
     for after in np.flatnonzero(np.isfinite(points.fuel[k]).any(axis=1)).tolist():
         stroke = points.stroke[k, after, :, None]
+        engine_speed = points.engine_speed[k, after, :, None]
         for source in sources:
             change = np.abs(strokes[source] - stroke)
             too_far = change > moves.stroke_limit(source, after)
+            speed_change = np.abs(engine_speeds[source] - engine_speed)
+            too_far |= speed_change > moves.engine_speed
             cost = np.where(too_far, np.inf, values[source])
             nearest = cost.argmin(axis=1)
             fuel = points.fuel[k, after]
@@ -183,6 +182,12 @@ def _step(
             total = cost[column, nearest] + fuel
             is_better = total < reached[after]
             reached[after] = np.where(is_better, total, reached[after])
-            position = source * speeds + column + nearest - moves.speed
+            position = source * speeds + column + nearest - reach
             before[after] = np.where(is_better, position, before[after])
     return reached, before
+
+
+def _windows(values: Array, reach: int, beyond: float) -> Array:
+    """Return the neighbours of each column up to a distance, shape (s, m, 2 reach + 1)."""
+    padded = np.pad(values, ((0, 0), (reach, reach)), constant_values=beyond)
+    return sliding_window_view(padded, 2 * reach + 1, axis=1)

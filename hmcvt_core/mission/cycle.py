@@ -37,11 +37,12 @@ _PARTS_OF_A_STEP = 10  # at which a fine file is averaged
 _POWER_UNITS = UNITS["output_power"]
 _FORCE_UNITS = {"N": 1.0, "kN": 1e3}
 _PART_UNITS = {"-": 1.0, "%": 0.01}
+_SPEED_UNITS = UNITS["engine_speed"]
 _COLUMNS: dict[str, tuple[Range, Mapping[str, float]]] = {
     "time": (Range("time", 0.0, 1e12, "s"), UNITS["stamp"]),
     "output_speed": (
         Range("output_speed", -1000.0, 1000.0, "rad/s", "is it in r/min?"),
-        UNITS["output_speed"],
+        _SPEED_UNITS,
     ),
     "ground_speed": (
         Range("ground_speed", -20.0, 20.0, "m/s", "is it in km/h?"),
@@ -55,6 +56,10 @@ _COLUMNS: dict[str, tuple[Range, Mapping[str, float]]] = {
     "drawbar_force": (Range("drawbar_force", -5e5, 5e5, "N"), _FORCE_UNITS),
     "pto_power": (Range("pto_power", 0.0, 1e6, "W"), _POWER_UNITS),
     "auxiliary_power": (Range("auxiliary_power", 0.0, 1e6, "W"), _POWER_UNITS),
+    "lowest_engine_speed": (
+        Range("lowest_engine_speed", 0.0, 320.0, "rad/s", "is it in r/min?"),
+        _SPEED_UNITS,
+    ),
     "slope": (Range("slope", -0.5, 0.5, "-", "rise / distance"), _PART_UNITS),
     "rolling_resistance": (Range("rolling_resistance", 0.0, 0.6, "-"), _PART_UNITS),
     "slip": (Range("slip", 0.0, 0.6, "-", "a fraction, not percent"), _PART_UNITS),
@@ -75,6 +80,7 @@ class Cycle:
         output_power: at the output shaft [W]; never negative, the brakes take the rest.
         pto_power: at the PTO shaft [W].
         auxiliary_power: of pumps and fans at the engine [W].
+        lowest_engine_speed: that the work needs [rad/s].
         ground: where the output power goes [W], for demands at the ground: `drawbar`,
             `acceleration`, `slope` (all three useful), `rolling_resistance`, `wheel_slip`,
             `final_drive`, `brakes`. Their sum is `output_power`.
@@ -88,6 +94,7 @@ class Cycle:
     output_power: Array
     pto_power: Array
     auxiliary_power: Array
+    lowest_engine_speed: Array
     ground: Mapping[str, Array] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
@@ -102,8 +109,14 @@ class Cycle:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Steps whose demand the file states, shape (n,)."""
-        total = self.output_speed + self.output_power
-        return np.isfinite(total + self.pto_power + self.auxiliary_power)
+        demand = (
+            self.output_speed,
+            self.output_power,
+            self.pto_power,
+            self.auxiliary_power,
+            self.lowest_engine_speed,
+        )
+        return np.isfinite(demand).all(axis=0)
 
 
 def read_cycle(
@@ -113,9 +126,9 @@ def read_cycle(
 
     Columns, each with a unit behind it where that is not SI (`ground_speed [km/h]`): `time`;
     `output_speed` or `ground_speed`; `output_power`, or `drawbar_force` with a ground speed.
-    Optional are `pto_power`, `auxiliary_power`, and for demands at the ground `slope`,
-    `rolling_resistance` and `slip`, which replace those of the vehicle. A series that
-    `hmcvt estimate` writes is read as it is.
+    Optional are `pto_power`, `auxiliary_power`, `lowest_engine_speed` (for the flow of hydraulic
+    pumps), and for demands at the ground `slope`, `rolling_resistance` and `slip`, which replace
+    those of the vehicle. A series that `hmcvt estimate` writes is read as it is.
 
     Args:
         path: of the file, or a name of `CYCLES`.
@@ -237,7 +250,9 @@ def _complete_speed(columns: dict[str, Array], table: Table) -> None:
         return
     torque = columns["output_torque"]
     stands = torque == 0.0
-    speed = np.where(stands, 0.0, columns["output_power"] / np.where(stands, 1.0, torque))
+    speed = np.where(
+        stands, 0.0, columns["output_power"] / np.where(stands, 1.0, torque)
+    )
     table.require_range(np.nan_to_num(speed), _COLUMNS["output_speed"][0])
     columns["output_speed"] = speed
 
@@ -316,6 +331,7 @@ def _cycle(
         power,
         columns.get("pto_power", zero),
         columns.get("auxiliary_power", zero),
+        columns.get("lowest_engine_speed", zero),
         ground,
     )
     return replace(cycle, remarks=_remarks(cycle, asked, grid))
@@ -375,8 +391,8 @@ def _ground_powers(
 
 
 def _kinetic_power(speed: Array, mass: float, step: float) -> Array:
-    """Return the power that goes into the motion until the next step [W]."""
+    """Return the power that has gone into the motion since the step before [W]."""
     kinetic = 0.5 * mass * speed**2
-    change = np.append(np.diff(kinetic), 0.0)
+    change = np.diff(kinetic, prepend=kinetic[0])
     # Next to a gap the change is not known.
     return np.nan_to_num(change) / step

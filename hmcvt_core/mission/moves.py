@@ -27,12 +27,12 @@ class State(NamedTuple):
 
     Attributes:
         stage: position in `Grid.stages`.
-        speed: position in `Grid.engine_speed`.
+        engine_speed: [rad/s].
         stroke: displacement ratio [-]; NaN in neutral.
     """
 
     stage: int
-    speed: int
+    engine_speed: float
     stroke: float
 
 
@@ -41,13 +41,13 @@ class Moves:
     """Highest changes within a step.
 
     Attributes:
-        speed: of the engine speed, in steps of the grid.
+        engine_speed: of the engine speed [rad/s].
         stroke: of the displacement ratio without a stage change [-].
         stroke_changing: of the displacement ratio with one [-].
         neutral: position of the neutral state among the stages.
     """
 
-    speed: int
+    engine_speed: float
     stroke: float
     stroke_changing: float
     neutral: int
@@ -66,7 +66,8 @@ class Moves:
                 f"the step of {step:g} s: give a longer step"
             )
         rate = limits.displacement_rate * (1.0 + _ROUNDING)
-        return cls(points.grid.reach, rate * step, rate * left, points.grid.neutral)
+        change = limits.engine_speed_rate * step * (1.0 + _ROUNDING)
+        return cls(change, rate * step, rate * left, points.grid.neutral)
 
     def changes(self, before: int, after: int) -> bool:
         """Whether going from one stage to another is a stage change."""
@@ -78,20 +79,22 @@ class Moves:
             return self.stroke_changing
         return self.stroke
 
-    def reachable(self, state: State, stroke: Array) -> NDArray[np.bool_]:
+    def reachable(
+        self, state: State, engine_speed: Array, stroke: Array
+    ) -> NDArray[np.bool_]:
         """Return which points are reached from a state.
 
         Args:
             state: in the step before.
-            stroke: of the points of a step, shape (s, m) [-].
+            engine_speed: of the points of a step, shape (s, m) [rad/s].
+            stroke: of the same points [-].
         """
-        stages, speeds = stroke.shape
-        distance = np.abs(np.arange(speeds) - state.speed)
-        limits = np.full(stages, self.stroke_changing)
+        is_near = np.abs(engine_speed - state.engine_speed) <= self.engine_speed
+        limits = np.full(len(stroke), self.stroke_changing)
         limits[state.stage] = self.stroke
         # A stroke that is not known is one in neutral: any may follow.
         too_far = np.abs(stroke - state.stroke) > limits[:, None]
-        return (distance <= self.speed) & ~too_far
+        return is_near & ~too_far
 
     def cost(self, state: State | None, points: WorkingPoints, step: int) -> Array:
         """Return the fuel of each point of a step, infinite where it is not reached.
@@ -112,5 +115,5 @@ class Moves:
         fuel[self.neutral] = points.fuel[step, self.neutral]
         if kept == self.neutral:
             fuel = points.fuel[step]
-        reached = self.reachable(state, points.stroke[step])
+        reached = self.reachable(state, points.engine_speed[step], points.stroke[step])
         return np.where(reached, fuel, np.inf)

@@ -147,5 +147,3 @@ def _require_order(low: float, high: float, name: str) -> None:
             f"{name}_low = {low / RPM:g} r/min is not below {name}_high = "
             f"{high / RPM:g} r/min"
         )
-
-

@@ -1,0 +1,226 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Strategies: what chooses stage and engine speed at each step, knowing the past alone.
+
+A strategy is called at each step that some working point holds, with a `Situation`, and returns a
+stage and an engine speed. It may ask for what the machine cannot do: the run then takes the
+reachable point next to it and names the step (`run`).
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..model.engine import Engine
+from ..transmission.ranges import RPM, Array
+
+ASSUMED_EFFICIENCY = 0.8
+"""Efficiency that the engine's line assumes of the transmission everywhere [-]."""
+
+FIXED_SPEED = 1900.0 * RPM
+"""Engine speed that `fixed_speed` holds when none is given [rad/s]."""
+
+HYSTERESIS = 0.005
+"""Part of the fuel that another stage must save; chosen on the shipped cycles."""
+
+_LINE_SPEEDS = 200  # of the engine's line
+_SAME_SPEED = 15.0 * RPM  # engine speeds that are one for the engine's line
+
+DWELL = 6.0
+"""Time within which a stage change must earn its loss [s]; chosen on the shipped cycles."""
+
+
+class Choice(NamedTuple):
+    """What a strategy asks for.
+
+    Attributes:
+        stage: name of the stage.
+        engine_speed: [rad/s]; the nearest one of the grid is taken.
+    """
+
+    stage: str
+    engine_speed: float
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What a strategy knows at one step: the demand, the state before, and what points cost.
+
+    Attributes:
+        time: beginning of the step [s].
+        output_speed: demand [rad/s].
+        output_power: demand [W].
+        pto_power: demand [W].
+        auxiliary_power: demand [W].
+        stage: engaged in the step before; None at the beginning.
+        engine_speed: in the step before [rad/s]; NaN at the beginning.
+        displacement_ratio: in the step before [-]; NaN at the beginning and in neutral.
+        stages: names, in the order of the arrays.
+        engine_speeds: of each point, shape (s, m), rising [rad/s].
+        stroke: displacement ratio of each point, shape (s, m) [-].
+        fuel: of each point by the strategy's model, without the loss of a stage change;
+            infinite where the point is not possible, shape (s, m) [kg/s].
+        reachable: with that loss, and infinite where the machine cannot be within the step.
+        engine: of the drive line.
+        step: length of the step [s].
+    """
+
+    time: float
+    output_speed: float
+    output_power: float
+    pto_power: float
+    auxiliary_power: float
+    stage: str | None
+    engine_speed: float
+    displacement_ratio: float
+    stages: tuple[str, ...]
+    engine_speeds: Array
+    stroke: Array
+    fuel: Array
+    reachable: Array
+    engine: Engine
+    step: float
+
+    def choice(self, position: int) -> Choice:
+        """Return the point at a position of the flattened arrays."""
+        stage, speed = np.unravel_index(position, self.fuel.shape)
+        return Choice(self.stages[int(stage)], float(self.engine_speeds[stage, speed]))
+
+
+Strategy = Callable[[Situation], Choice]
+
+
+def least_fuel(now: Situation) -> Choice:
+    """Choose the least fuel of this step among the points that the machine reaches."""
+    return now.choice(int(now.reachable.argmin()))
+
+
+def causal(now: Situation) -> Choice:
+    """Choose least fuel, but keep the stage unless a change earns its loss.
+
+    A change pays where it saves more than `HYSTERESIS` of the fuel and, within `DWELL`, more than
+    the fuel that it costs. Demands fluctuate: without this the stage would hunt.
+    """
+    if now.stage is None or now.stage not in now.stages:
+        return least_fuel(now)
+    kept = now.stages.index(now.stage)
+    in_stage = now.reachable[kept]
+    if not np.isfinite(in_stage).any():
+        return least_fuel(now)
+    # `reachable` holds the loss of a change in a single step: spread it over the dwell.
+    possible = np.isfinite(now.reachable)
+    loss = np.where(possible, now.reachable, 0.0) - np.where(possible, now.fuel, 0.0)
+    cost = np.where(possible, now.fuel, np.inf) + loss * now.step / DWELL
+    others = np.arange(len(cost)) != kept
+    cost[others] *= 1.0 + HYSTERESIS
+    return now.choice(int(cost.argmin()))
+
+
+def engine_line(now: Situation) -> Choice:
+    """Choose the engine's optimal line: the speed of its least fuel for the power asked for.
+
+    The transmission enters with one efficiency. The stage is kept while it holds the demand near
+    that speed; otherwise the one with the least stroke follows.
+    """
+    speeds = now.engine.speed
+    fine = np.linspace(speeds[0], speeds[-1], _LINE_SPEEDS)
+    power = now.output_power / ASSUMED_EFFICIENCY
+    power += now.pto_power / ASSUMED_EFFICIENCY + now.auxiliary_power
+    rates = now.engine.fuel_rate(fine, power / fine)
+    if not np.isfinite(rates).any():
+        return _at_speed(now, float(speeds[-1]))
+    return _at_speed(now, float(fine[np.nanargmin(rates)]))
+
+
+def fixed_speed(engine_speed: float = FIXED_SPEED) -> Strategy:
+    """Return the strategy that holds an engine speed [rad/s] where the demand allows it."""
+    return partial(_at_speed, engine_speed=engine_speed)
+
+
+def _at_speed(now: Situation, engine_speed: float) -> Choice:
+    """Return the reachable point next to an engine speed: of the stage kept, or of least stroke."""
+    distance = np.abs(now.engine_speeds - engine_speed)
+    distance = np.where(np.isfinite(now.reachable), distance, np.inf)
+    nearest = distance.min(axis=1)
+    close = nearest <= nearest.min() + _SAME_SPEED
+    stages = np.flatnonzero(close)
+    if now.stage is not None and close[now.stages.index(now.stage)]:
+        stages = np.array([now.stages.index(now.stage)])
+    speeds = distance[stages].argmin(axis=1)
+    strokes = np.abs(np.nan_to_num(now.stroke[stages, speeds]))
+    least = int(strokes.argmin())
+    return Choice(
+        now.stages[stages[least]],
+        float(now.engine_speeds[stages[least], speeds[least]]),
+    )
+
+
+STRATEGIES: dict[str, Strategy] = {
+    "causal": causal,
+    "least_fuel": least_fuel,
+    "engine_line": engine_line,
+    "fixed_speed": fixed_speed(),
+}
+"""The shipped strategies by name."""
+
+
+def strategy_named(name: str) -> Strategy:
+    """Return a shipped strategy, or the one of a Python file that you wrote; the file is run.
+
+    Args:
+        name: of `STRATEGIES`, or a path that ends in `.py`; the file defines
+            `choose(now)`, which takes a `Situation` and returns a stage and an engine speed.
+
+    Raises:
+        InputError: there is no such strategy, or the file cannot be loaded.
+    """
+    if name in STRATEGIES:
+        return STRATEGIES[name]
+    if not name.endswith(".py"):
+        raise InputError(
+            f"strategy {name!r} is not known; there is {', '.join(STRATEGIES)}, or a Python "
+            "file with a function choose(now)"
+        )
+    path = Path(name)
+    spec = importlib.util.spec_from_file_location(f"hmcvt_strategy_{path.stem}", path)
+    assert spec is not None and spec.loader is not None  # the path ends in .py
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a file of a user may raise anything
+        raise InputError(
+            f"{name}: cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    choose = getattr(module, "choose", None)
+    if not callable(choose):
+        raise InputError(f"{name}: holds no function choose(now)")
+    strategy: Strategy = choose
+    return strategy
+
+
+def checked_choice(answer: object, stages: tuple[str, ...]) -> Choice:
+    """Return what a strategy answers as a choice.
+
+    Raises:
+        InputError: it is not one of the stages and an engine speed.
+    """
+    try:
+        stage, speed = answer  # type: ignore[misc]
+        choice = Choice(str(stage), float(speed))
+    except (TypeError, ValueError):
+        raise InputError(f"{answer!r} is not a stage and an engine speed") from None
+    if choice.stage not in stages:
+        raise InputError(
+            f"stage {choice.stage!r} is not known; there is {', '.join(stages)}"
+        )
+    if not math.isfinite(choice.engine_speed):
+        raise InputError(f"engine speed = {choice.engine_speed} is not finite")
+    return choice
