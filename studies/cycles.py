@@ -30,8 +30,10 @@ TILLED = 40.0
 ROAD_RESISTANCE = 0.02
 """Rolling resistance on a road: Renius, Fundamentals of Tractor Design (2020)."""
 ROAD_SLIP = 0.01
-FORCE_RATE = 8.0
-"""Highest change of the drawbar force while an implement enters or leaves the soil [kN/s]."""
+FIELD_RATE = 0.8
+"""Highest change of the ground speed in the field and on the road [km/h/s]; assumed."""
+FORCE_RATE = 5.0
+"""Highest change of the drawbar force while an implement enters or leaves the soil [kN/s]; assumed."""
 
 PLOUGH_SOURCE = (
     "draft of a mouldboard plough, D497 table 1: 0.7 (652 + 5.1 S^2) W T in a medium soil, "
@@ -223,10 +225,10 @@ def main() -> None:
     """Write the five cycles into a folder, `data` when none is given."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "data")
     texts = {
-        "ploughing": cycle(PLOUGH_SOURCE, PLOUGHING, FIRM, 0.08, 1.5, 1),
-        "rotary_tilling": cycle(ROTARY_SOURCE, ROTARY_TILLING, TILLED, 0.1, 1.5, 2),
-        "transport": cycle(TRANSPORT_SOURCE, TRANSPORT, None, 0.0, 0.8, 3),
-        "sowing": cycle(SOWING_SOURCE, SOWING, TILLED, 0.06, 1.5, 4),
+        "ploughing": cycle(PLOUGH_SOURCE, PLOUGHING, FIRM, 0.08, FIELD_RATE, 1),
+        "rotary_tilling": cycle(ROTARY_SOURCE, ROTARY_TILLING, TILLED, 0.1, FIELD_RATE, 2),
+        "transport": cycle(TRANSPORT_SOURCE, TRANSPORT, None, 0.0, FIELD_RATE, 3),
+        "sowing": cycle(SOWING_SOURCE, SOWING, TILLED, 0.06, FIELD_RATE, 4),
         "loader": cycle(LOADER_SOURCE, LOADER, FIRM, 0.15, 2.0, 5),
     }
     for name, text in texts.items():

@@ -116,7 +116,7 @@ class Cycle:
             self.auxiliary_power,
             self.lowest_engine_speed,
         )
-        return np.isfinite(demand).all(axis=0)
+        return np.asarray(np.isfinite(demand).all(axis=0))
 
 
 def read_cycle(
@@ -318,8 +318,9 @@ def _cycle(
         ground["brakes"] = np.maximum(-asked, 0.0)
         power = np.maximum(asked, 0.0)
     else:
-        speed = columns.get("output_speed")
-        if speed is None:
+        if "output_speed" in columns:
+            speed = columns["output_speed"]
+        else:
             speed = _ground_speed(columns, vehicle)
         asked = columns["output_power"]
         power = np.maximum(asked, 0.0)

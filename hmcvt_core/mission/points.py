@@ -125,7 +125,7 @@ class WorkingPoints:
     @property
     def possible(self) -> NDArray[np.bool_]:
         """Steps that some point holds, shape (n,)."""
-        return np.isfinite(self.fuel).any(axis=(1, 2))
+        return np.asarray(np.isfinite(self.fuel).any(axis=(1, 2)))
 
 
 class Drive(NamedTuple):
@@ -372,7 +372,7 @@ def _fuel_with_reserve(
     highest = (1.0 - reserve) * drive.engine.full_load_torque(engine_speed)
     with_reserve = np.where(torque <= highest * (1.0 + _ROUNDING), fuel, np.inf)
     possible = np.isfinite(fuel).any(axis=(1, 2))
-    strained = possible & ~np.isfinite(with_reserve).any(axis=(1, 2))
+    strained = np.asarray(possible & ~np.isfinite(with_reserve).any(axis=(1, 2)))
     return np.where(strained[:, None, None], fuel, with_reserve), strained
 
 

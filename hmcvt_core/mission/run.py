@@ -192,6 +192,7 @@ class _Runner:
             stages=grid.stages,
             engine_speeds=self._believed.engine_speed[k],
             stroke=self._believed.stroke[k],
+            engine_torque=self._believed.engine_torque[k],
             fuel=self._believed.fuel[k],
             reachable=reachable,
             engine=self._engine,
@@ -216,8 +217,8 @@ def _nearest(
         if possible.any():
             distance = np.abs(engine_speed[stage] - choice.engine_speed)
             return stage, int(np.where(possible, distance, np.inf).argmin())
-    stage, speed = np.unravel_index(int(cost.argmin()), cost.shape)
-    return int(stage), int(speed)
+    least = np.unravel_index(int(cost.argmin()), cost.shape)
+    return int(least[0]), int(least[1])
 
 
 def _is_met(wanted: Choice, taken: Choice, spacing: float) -> bool:

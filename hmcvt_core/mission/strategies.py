@@ -31,11 +31,12 @@ FIXED_SPEED = 1900.0 * RPM
 HYSTERESIS = 0.005
 """Part of the fuel that another stage must save; chosen on the shipped cycles."""
 
-_LINE_SPEEDS = 200  # of the engine's line
-_SAME_SPEED = 15.0 * RPM  # engine speeds that are one for the engine's line
-
 DWELL = 6.0
 """Time within which a stage change must earn its loss [s]; chosen on the shipped cycles."""
+
+
+_LINE_SPEEDS = 200  # at which the engine's line is looked for
+_SAME_SPEED = 15.0 * RPM  # difference of engine speeds that counts as none
 
 
 class Choice(NamedTuple):
@@ -66,6 +67,7 @@ class Situation:
         stages: names, in the order of the arrays.
         engine_speeds: of each point, shape (s, m), rising [rad/s].
         stroke: displacement ratio of each point, shape (s, m) [-].
+        engine_torque: of each point by the strategy's model [N m]; NaN where none holds.
         fuel: of each point by the strategy's model, without the loss of a stage change;
             infinite where the point is not possible, shape (s, m) [kg/s].
         reachable: with that loss, and infinite where the machine cannot be within the step.
@@ -84,6 +86,7 @@ class Situation:
     stages: tuple[str, ...]
     engine_speeds: Array
     stroke: Array
+    engine_torque: Array
     fuel: Array
     reachable: Array
     engine: Engine
@@ -91,8 +94,8 @@ class Situation:
 
     def choice(self, position: int) -> Choice:
         """Return the point at a position of the flattened arrays."""
-        stage, speed = np.unravel_index(position, self.fuel.shape)
-        return Choice(self.stages[int(stage)], float(self.engine_speeds[stage, speed]))
+        at = np.unravel_index(position, self.fuel.shape)
+        return Choice(self.stages[int(at[0])], float(self.engine_speeds[at]))
 
 
 Strategy = Callable[[Situation], Choice]
@@ -104,23 +107,18 @@ def least_fuel(now: Situation) -> Choice:
 
 
 def causal(now: Situation) -> Choice:
-    """Choose least fuel, but keep the stage unless a change earns its loss.
+    """Choose least fuel, but keep the stage unless a change pays.
 
     A change pays where it saves more than `HYSTERESIS` of the fuel and, within `DWELL`, more than
     the fuel that it costs. Demands fluctuate: without this the stage would hunt.
     """
-    if now.stage is None or now.stage not in now.stages:
-        return least_fuel(now)
-    kept = now.stages.index(now.stage)
-    in_stage = now.reachable[kept]
-    if not np.isfinite(in_stage).any():
-        return least_fuel(now)
-    # `reachable` holds the loss of a change in a single step: spread it over the dwell.
     possible = np.isfinite(now.reachable)
+    # `reachable` holds the loss of a change in a single step: spread it over the dwell.
     loss = np.where(possible, now.reachable, 0.0) - np.where(possible, now.fuel, 0.0)
     cost = np.where(possible, now.fuel, np.inf) + loss * now.step / DWELL
-    others = np.arange(len(cost)) != kept
-    cost[others] *= 1.0 + HYSTERESIS
+    if now.stage is not None:
+        others = np.arange(len(cost)) != now.stages.index(now.stage)
+        cost[others] *= 1.0 + HYSTERESIS
     return now.choice(int(cost.argmin()))
 
 
@@ -213,8 +211,8 @@ def checked_choice(answer: object, stages: tuple[str, ...]) -> Choice:
         InputError: it is not one of the stages and an engine speed.
     """
     try:
-        stage, speed = answer  # type: ignore[misc]
-        choice = Choice(str(stage), float(speed))
+        name, value = answer  # type: ignore[misc]
+        choice = Choice(str(name), float(value))
     except (TypeError, ValueError):
         raise InputError(f"{answer!r} is not a stage and an engine speed") from None
     if choice.stage not in stages:
