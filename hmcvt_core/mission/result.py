@@ -64,10 +64,15 @@ class Mission:
         return float(self.fuel_rate.sum()) * self.cycle.step
 
     @property
+    def driven(self) -> int:
+        """Number of steps that were driven."""
+        return len(self.cycle) - len(self.unmet)
+
+    @property
     def fuel_per_hour(self) -> float:
-        """Fuel in an hour of such work [kg]."""
-        driven = len(self.cycle) - len(self.unmet)
-        return self.fuel / (driven * self.cycle.step) * 3600.0 if driven else 0.0
+        """Fuel in an hour of such work [kg]; zero where no step was driven."""
+        seconds = self.driven * self.cycle.step
+        return 3600.0 * self.fuel / max(seconds, self.cycle.step)
 
     @property
     def above_bound(self) -> float | None:
@@ -134,7 +139,7 @@ class Mission:
         if self.bound is not None and self.above_bound is not None:
             lines.append(
                 f"bound     {self.bound.fuel:.3f} kg +- {self.bound.error:.4f} kg by the "
-                f"grid: the strategy is {abs(100.0 * self.above_bound):.2f} % above the "
+                f"grid: the strategy is {_percent(self.above_bound)} above the "
                 "best possible"
             )
         lines.append(f"stage changes  {self.shifts}")
@@ -147,6 +152,11 @@ class Mission:
             lines += _complaint_lines(title, complaints)
         lines += [f"note: {remark}" for remark in self.cycle.remarks]
         return "\n".join(lines)
+
+
+def _percent(part: float) -> str:
+    # Adding 0.0 turns -0.0 into 0.0.
+    return f"{round(100.0 * part, 2) + 0.0:.2f} %"
 
 
 def _energy_lines(energy: Energy) -> list[str]:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -204,14 +204,14 @@ def strategy_named(name: str) -> Strategy:
     return strategy
 
 
-def checked_choice(answer: object, stages: tuple[str, ...]) -> Choice:
+def checked_choice(answer: Any, stages: tuple[str, ...]) -> Choice:
     """Return what a strategy answers as a choice.
 
     Raises:
         InputError: it is not one of the stages and an engine speed.
     """
     try:
-        name, value = answer  # type: ignore[misc]
+        name, value = answer
         choice = Choice(str(name), float(value))
     except (TypeError, ValueError):
         raise InputError(f"{answer!r} is not a stage and an engine speed") from None
