@@ -29,7 +29,11 @@ FIXED_SPEED = 1900.0 * RPM
 """Engine speed that `fixed_speed` holds when none is given [rad/s]."""
 
 HYSTERESIS = 0.005
-"""Part of the fuel that another stage must save; chosen on the shipped cycles."""
+"""Part of the fuel that another stage or a distant engine speed must save; chosen on the shipped
+cycles."""
+
+NEAR_SPEED = 40.0 * RPM
+"""Change of the engine speed in a second that needs no saving [rad/s2]; chosen likewise."""
 
 DWELL = 6.0
 """Time within which a stage change must earn its loss [s]; chosen on the shipped cycles."""
@@ -107,18 +111,20 @@ def least_fuel(now: Situation) -> Choice:
 
 
 def causal(now: Situation) -> Choice:
-    """Choose least fuel, but keep the stage unless a change pays.
+    """Choose least fuel, but keep stage and engine speed unless a change pays.
 
-    A change pays where it saves more than `HYSTERESIS` of the fuel and, within `DWELL`, more than
-    the fuel that it costs. Demands fluctuate: without this the stage would hunt.
+    A point of another stage, or of a distant engine speed, must save more than `HYSTERESIS` of the
+    fuel. A stage change must also earn, within `DWELL`, the fuel that it costs. Demands fluctuate:
+    without this stage and engine speed would hunt.
     """
     possible = np.isfinite(now.reachable)
     # `reachable` holds the loss of a change in a single step: spread it over the dwell.
     loss = np.where(possible, now.reachable, 0.0) - np.where(possible, now.fuel, 0.0)
     cost = np.where(possible, now.fuel, np.inf) + loss * now.step / DWELL
     if now.stage is not None:
-        others = np.arange(len(cost)) != now.stages.index(now.stage)
-        cost[others] *= 1.0 + HYSTERESIS
+        is_far = np.abs(now.engine_speeds - now.engine_speed) > NEAR_SPEED * now.step
+        is_far[np.arange(len(cost)) != now.stages.index(now.stage)] = True
+        cost[is_far] *= 1.0 + HYSTERESIS
     return now.choice(int(cost.argmin()))
 
 

@@ -19,10 +19,10 @@ from .style import BLUE, INK, ORANGE, SOFT, loss_style, render, styled, to_svg
 _COURSE_SIZE = (12.0, 15.0)  # in
 _FLOW_SIZE = (12.0, 8.0)
 _BARS_SIZE = (9.0, 4.0)
-_SMALLEST_PART = 0.01  # of the engine work: smaller losses are drawn as one
+_SMALLEST_PART = 0.01  # of the engine work: smaller parts are drawn as one
 _SMALLEST_LOSS = 0.02  # of the largest loss at any step
 _GAP = 0.03  # of the height of the flow, between two bands at its end
-_OTHERS = "other losses"
+_OTHERS = "others, below 1 % each"
 
 # Losses that only a mission has; the others are filled as everywhere.
 _STYLES: Mapping[str, tuple[str, str]] = {
@@ -187,26 +187,28 @@ def draw_flow(figure: Any, mission: Mission) -> None:
         start = low[0]
         top = low[1] - gap
     axes.add_patch(Rectangle((-0.06, 0.0), 0.06, total, facecolor=INK))
-    axes.text(-0.08, 0.5 * total, f"engine\n{total:.2f} kWh", ha="right", va="center")
+    source = f"engine\n{mission.energy.engine / 3.6e6:.2f} kWh"
+    axes.text(-0.08, 0.5 * total, source, ha="right", va="center")
     axes.set(xlim=(-0.3, 1.75), ylim=(-end - gap, total + end + gap))
     axes.set_title(f"Flow of energy: {mission.cycle.name}, strategy {mission.strategy}")
 
 
 def _bands(mission: Mission) -> list[_Band]:
     """Return the branches: useful work first, then losses, the small ones as one."""
+    smallest = _SMALLEST_PART * mission.energy.engine
+    losses = _in_words(mission.energy.losses)
     bands = []
     for name, joules in _in_words(mission.energy.useful).items():
-        if joules > 0.0:
+        if joules >= smallest:
             bands.append(_Band(name, joules / 3.6e6, True))
-    others = 0.0
-    losses = _in_words(mission.energy.losses)
     for name in sorted(losses, key=lambda name: -losses[name]):
-        if losses[name] < _SMALLEST_PART * mission.energy.engine:
-            others += losses[name]
-        else:
+        if losses[name] >= smallest:
             bands.append(_Band(name, losses[name] / 3.6e6, False))
+    others = mission.energy.engine / 3.6e6
+    others -= sum(band.kilowatt_hours for band in bands)
+    # Negative where motion or height gives energy back in the end.
     if others > 0.0:
-        bands.append(_Band(_OTHERS, others / 3.6e6, False))
+        bands.append(_Band(_OTHERS, others, False))
     return bands
 
 
