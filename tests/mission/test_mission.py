@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.mission import CYCLES, Limits, Planned, Vehicle, read_cycle
+from hmcvt_core.mission import CYCLES, Drive, Limits, Planned, Vehicle, read_cycle
 from hmcvt_core.transmission.ranges import RPM
 from mission.drive_lines import COARSE, DRIVE, cycle, limits_hold
 
@@ -66,9 +66,9 @@ def test_other_demands_that_cannot_be_met(tmp_path):
 
 
 def test_a_jump_that_the_machine_cannot_follow_is_named(tmp_path):
-    rows = [(60, 9e3), (60, 9e3), (150, 60e3), (150, 60e3)]
+    rows = [(150, 9e3), (150, 9e3), (260, 40e3), (260, 40e3)]
     limits = Limits(displacement_rate=0.05, engine_speed_rate=20.0 * RPM)
-    drive = DRIVE._replace(vehicle=Vehicle(limits=limits))
+    drive = Drive(DRIVE.model.stages["HM4"], DRIVE.engine, Vehicle(limits=limits))
     plan = Planned.of(drive, cycle(tmp_path, SPEED_AND_POWER, *rows), speed_step=COARSE)
     mission = plan.mission("causal")
     assert [item.time for item in mission.broken] == [2.0]
