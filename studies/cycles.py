@@ -33,7 +33,7 @@ ROAD_SLIP = 0.01
 FIELD_RATE = 0.8
 """Highest change of the ground speed in the field and on the road [km/h/s]; assumed."""
 FORCE_RATE = 5.0
-"""Highest change of the drawbar force while an implement enters or leaves the soil [kN/s]; assumed."""
+"""Highest change of the drawbar force as an implement enters or leaves the soil [kN/s]; assumed."""
 
 PLOUGH_SOURCE = (
     "draft of a mouldboard plough, D497 table 1: 0.7 (652 + 5.1 S^2) W T in a medium soil, "
@@ -54,8 +54,8 @@ SOWING_SOURCE = (
 )
 LOADER_SOURCE = (
     "short loading cycle of 30 s (Caterpillar Performance Handbook, wheel loaders: 0.45 to 0.55 "
-    "min); engine from 1700 r/min (usual advice for loader work); bucket force, lifting power and the low speeds of reversing assumed: the shipped "
-    "transmission reverses up to about 3.5 km/h"
+    "min); engine from 1700 r/min (usual advice for loader work); bucket force, lifting power and "
+    "speeds assumed: the shipped transmission reverses up to about 3.5 km/h"
 )
 
 
@@ -226,7 +226,9 @@ def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "data")
     texts = {
         "ploughing": cycle(PLOUGH_SOURCE, PLOUGHING, FIRM, 0.08, FIELD_RATE, 1),
-        "rotary_tilling": cycle(ROTARY_SOURCE, ROTARY_TILLING, TILLED, 0.1, FIELD_RATE, 2),
+        "rotary_tilling": cycle(
+            ROTARY_SOURCE, ROTARY_TILLING, TILLED, 0.1, FIELD_RATE, 2
+        ),
         "transport": cycle(TRANSPORT_SOURCE, TRANSPORT, None, 0.0, FIELD_RATE, 3),
         "sowing": cycle(SOWING_SOURCE, SOWING, TILLED, 0.06, FIELD_RATE, 4),
         "loader": cycle(LOADER_SOURCE, LOADER, FIRM, 0.15, 2.0, 5),

@@ -9,7 +9,7 @@ are open.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,20 @@ class State(NamedTuple):
     stage: int
     engine_speed: float
     stroke: float
+
+
+class Points(NamedTuple):
+    """Some working points of one step, shape (n,) each.
+
+    Attributes:
+        stage: position in `Grid.stages`.
+        engine_speed: [rad/s].
+        stroke: displacement ratio [-]; NaN in neutral.
+    """
+
+    stage: NDArray[np.intp]
+    engine_speed: Array
+    stroke: Array
 
 
 @dataclass(frozen=True)
@@ -95,6 +109,24 @@ class Moves:
         # A stroke that is not known is one in neutral: any may follow.
         too_far = np.abs(stroke - state.stroke) > limits[:, None]
         return is_near & ~too_far
+
+    def between(self, before: Points, after: Points) -> tuple[Any, Any]:
+        """Return which points are reached from which, and where a stage changes.
+
+        Args:
+            before: n points.
+            after: k points.
+
+        Returns:
+            Two arrays of truth, shape (n, k).
+        """
+        from_stage = before.stage[:, None]
+        changes = from_stage != after.stage
+        changes &= (from_stage != self.neutral) & (after.stage != self.neutral)
+        speed = np.abs(before.engine_speed[:, None] - after.engine_speed)
+        stroke = np.abs(before.stroke[:, None] - after.stroke)
+        limit = np.where(changes, self.stroke_changing, self.stroke)
+        return (speed <= self.engine_speed) & ~(stroke > limit), changes
 
     def cost(self, state: State | None, points: WorkingPoints, step: int) -> Array:
         """Return the fuel of each point of a step, infinite where it is not reached.

@@ -194,9 +194,11 @@ class _Runner:
             stroke=self._believed.stroke[k],
             engine_torque=self._believed.engine_torque[k],
             fuel=self._believed.fuel[k],
+            fuel_changing=self._believed.fuel_changing[k],
             reachable=reachable,
             engine=self._engine,
             step=cycle.step,
+            moves=self._moves,
         )
 
 

@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..model.engine import Engine
 from ..transmission.ranges import RPM, Array
+from .moves import Moves, Points
 
 ASSUMED_EFFICIENCY = 0.8
 """Efficiency that the engine's line assumes of the transmission everywhere [-]."""
@@ -35,10 +37,10 @@ cycles."""
 NEAR_SPEED = 40.0 * RPM
 """Change of the engine speed in a second that needs no saving [rad/s2]; chosen likewise."""
 
-DWELL = 6.0
-"""Time within which a stage change must earn its loss [s]; chosen on the shipped cycles."""
+HORIZON = 10.0
+"""Time for which the demand is taken to stay [s]; chosen on the shipped cycles."""
 
-
+_STATIONS = 2  # every other point is a station of a way
 _LINE_SPEEDS = 200  # at which the engine's line is looked for
 _SAME_SPEED = 15.0 * RPM  # difference of engine speeds that counts as none
 
@@ -74,9 +76,12 @@ class Situation:
         engine_torque: of each point by the strategy's model [N m]; NaN where none holds.
         fuel: of each point by the strategy's model, without the loss of a stage change;
             infinite where the point is not possible, shape (s, m) [kg/s].
-        reachable: with that loss, and infinite where the machine cannot be within the step.
+        fuel_changing: with that loss.
+        reachable: fuel in this step, with that loss where the stage changes; infinite also where
+            the machine cannot be within the step.
         engine: of the drive line.
         step: length of the step [s].
+        moves: what the machine can change within a step.
     """
 
     time: float
@@ -92,9 +97,11 @@ class Situation:
     stroke: Array
     engine_torque: Array
     fuel: Array
+    fuel_changing: Array
     reachable: Array
     engine: Engine
     step: float
+    moves: Moves
 
     def choice(self, position: int) -> Choice:
         """Return the point at a position of the flattened arrays."""
@@ -111,21 +118,67 @@ def least_fuel(now: Situation) -> Choice:
 
 
 def causal(now: Situation) -> Choice:
-    """Choose least fuel, but keep stage and engine speed unless a change pays.
+    """Choose what needs least fuel if the demand stays for `HORIZON`, with all changes on the way.
 
-    A point of another stage, or of a distant engine speed, must save more than `HYSTERESIS` of the
-    fuel. A stage change must also earn, within `DWELL`, the fuel that it costs. Demands fluctuate:
-    without this stage and engine speed would hunt.
+    A way to a distant point may lead through worse ones: an engine speed that takes several steps,
+    a stage that is reached at another displacement ratio. A point of another stage, or of a distant
+    engine speed, must save more than `HYSTERESIS`: demands fluctuate, and stage and engine speed
+    would hunt.
     """
-    possible = np.isfinite(now.reachable)
-    # `reachable` holds the loss of a change in a single step: spread it over the dwell.
-    loss = np.where(possible, now.reachable, 0.0) - np.where(possible, now.fuel, 0.0)
-    cost = np.where(possible, now.fuel, np.inf) + loss * now.step / DWELL
+    candidates = np.flatnonzero(np.isfinite(now.reachable))
+    cost = now.reachable.ravel()[candidates] + _future(now, candidates)
     if now.stage is not None:
-        is_far = np.abs(now.engine_speeds - now.engine_speed) > NEAR_SPEED * now.step
-        is_far[np.arange(len(cost)) != now.stages.index(now.stage)] = True
+        points = _points(now, candidates)
+        is_far = np.abs(points.engine_speed - now.engine_speed) > NEAR_SPEED * now.step
+        is_far |= points.stage != now.stages.index(now.stage)
         cost[is_far] *= 1.0 + HYSTERESIS
-    return now.choice(int(cost.argmin()))
+    return now.choice(int(candidates[cost.argmin()]))
+
+
+def _future(now: Situation, candidates: NDArray[np.intp]) -> Array:
+    """Return the least fuel of the steps after candidates if the demand stays, shape (n,).
+
+    The engine either stays at the candidate, or moves on among every other point.
+    """
+    steps = max(1, round(HORIZON / now.step))
+    fuel = now.fuel.ravel()
+    changing = now.fuel_changing.ravel()
+    staying = steps * fuel[candidates]
+    stations = np.flatnonzero(np.isfinite(fuel))[::_STATIONS]
+    at = _points(now, stations)
+    cost = _move_cost(now, at, at, fuel[stations], changing[stations])
+    later = np.zeros(len(stations))
+    for _ in range(steps - 1):
+        later = (cost + later).min(axis=1)
+    first = _move_cost(
+        now, _points(now, candidates), at, fuel[stations], changing[stations]
+    )
+    return np.asarray(np.minimum(staying, (first + later).min(axis=1)))
+
+
+def _points(now: Situation, positions: NDArray[np.intp]) -> Points:
+    """Return the points at positions of the flattened arrays."""
+    return Points(
+        positions // now.fuel.shape[1],
+        now.engine_speeds.ravel()[positions],
+        now.stroke.ravel()[positions],
+    )
+
+
+def _move_cost(
+    now: Situation, before: Points, after: Points, fuel: Array, changing: Array
+) -> Array:
+    """Return the fuel of a step that moves from points to others, shape (n, k) [kg/s].
+
+    Args:
+        now: gives the limits of the machine.
+        before: n points.
+        after: k points.
+        fuel: of these without a stage change, shape (k,) [kg/s].
+        changing: the same with a stage change.
+    """
+    is_reached, changes = now.moves.between(before, after)
+    return np.where(is_reached, np.where(changes, changing, fuel), np.inf)
 
 
 def engine_line(now: Situation) -> Choice:
