@@ -34,13 +34,13 @@ HYSTERESIS = 0.005
 """Part of the fuel that another stage or a distant engine speed must save; chosen on the shipped
 cycles."""
 
-NEAR_SPEED = 40.0 * RPM
+NEAR_SPEED = 50.0 * RPM
 """Change of the engine speed in a second that needs no saving [rad/s2]; chosen likewise."""
 
 HORIZON = 10.0
 """Time for which the demand is taken to stay [s]; chosen on the shipped cycles."""
 
-_STATIONS = 2  # every other point is a station of a way
+_STATIONS = 80  # points that a way may lead over: more hardly change it
 _LINE_SPEEDS = 200  # at which the engine's line is looked for
 _SAME_SPEED = 15.0 * RPM  # difference of engine speeds that counts as none
 
@@ -138,13 +138,14 @@ def causal(now: Situation) -> Choice:
 def _future(now: Situation, candidates: NDArray[np.intp]) -> Array:
     """Return the least fuel of the steps after candidates if the demand stays, shape (n,).
 
-    The engine either stays at the candidate, or moves on among every other point.
+    The engine either stays at the candidate, or moves on over other points.
     """
     steps = max(1, round(HORIZON / now.step))
     fuel = now.fuel.ravel()
     changing = now.fuel_changing.ravel()
     staying = steps * fuel[candidates]
-    stations = np.flatnonzero(np.isfinite(fuel))[::_STATIONS]
+    possible = np.flatnonzero(np.isfinite(fuel))
+    stations = possible[:: max(1, len(possible) // _STATIONS)]
     at = _points(now, stations)
     cost = _move_cost(now, at, at, fuel[stations], changing[stations])
     later = np.zeros(len(stations))
