@@ -19,6 +19,7 @@ from ..report.gap_map import draw_gap
 from ..report.pictures import save
 from . import common
 from .common import Answer
+from .gap_cost import cycle_from, with_gap_cost
 
 READERS = "hmcvt.readers"
 """Entry points that read bench samples from other files: ending (or `folder`) = function(path)."""
@@ -33,7 +34,8 @@ OPEN = 4
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
-  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json
+  hmcvt diagnose data/simulated.csv --noise 0.004 --mission transport""",
     common.params_option,
     common.noise_option,
     common.report_option,
@@ -53,6 +55,11 @@ OPEN = 4
     metavar="P.yaml",
     help="Write the model with the leading set of causes in it.",
 )
+@click.option(
+    "--mission",
+    metavar="CYCLE.csv",
+    help="Work cycle, or the name of a shipped one: what the gap costs on it, in fuel.",
+)
 def diagnose(
     bench: str,
     params: str | None,
@@ -61,6 +68,7 @@ def diagnose(
     report: str | None,
     picture: str | None,
     saved: str | None,
+    mission: str | None,
     seed: int,
 ) -> Answer:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
@@ -69,6 +77,8 @@ def diagnose(
     model = common.model_from(params)
     samples = read_bench(bench)
     held_out = None if holdout is None else read_bench(holdout)
+    # Read first, so that a wrong file is refused before the work.
+    cycle = None if mission is None else cycle_from(mission)
     with common.Progress("diagnosis") as progress:
         diagnosis = transmission.diagnose(
             model, samples, held_out, noise=noise, seed=seed, progress=progress
@@ -80,7 +90,10 @@ def diagnose(
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
-    return _answer(diagnosis, report, lines)
+    answer = _answer(diagnosis, report, lines)
+    if cycle is None:
+        return answer
+    return with_gap_cost(answer, diagnosis, model, cycle)
 
 
 def _answer(
