@@ -16,7 +16,7 @@ from ..mission.result import DIESEL_DENSITY
 from ..transmission.ranges import RPM, Array
 from .style import BLUE, INK, ORANGE, SOFT, loss_style, render, styled, to_svg
 
-_COURSE_SIZE = (12.0, 15.0)  # in
+_COURSE_SIZE = (10.5, 14.0)  # in
 _FLOW_SIZE = (12.0, 8.0)
 _BARS_SIZE = (9.0, 4.0)
 _SMALLEST_PART = 0.01  # of the engine work: smaller parts are drawn as one
@@ -180,7 +180,7 @@ def draw_flow(figure: Any, mission: Mission) -> None:
         axes.text(
             1.01,
             0.5 * (high[1] + low[1]),
-            f"{band.name}  {band.kilowatt_hours:.2f} kWh, {share:.1f} %",
+            f"{band.name}: {band.kilowatt_hours:.2f} kWh, {share:.1f} %",
             va="center",
             weight="bold" if band.is_useful else "normal",
         )
@@ -250,10 +250,10 @@ def draw_strategies(figure: Any, missions: Sequence[Mission]) -> None:
     fuels = [mission.fuel for mission in missions]
     axes.barh(names, fuels, color=BLUE, edgecolor=INK)
     for i, mission in enumerate(missions):
-        text = f" {mission.fuel:.3f} kg"
+        text = f"{mission.fuel:.3f} kg"
         if mission.above_bound is not None:
             text += f", {100.0 * mission.above_bound:+.2f} %"
-        axes.text(mission.fuel, i, text, va="center")
+        axes.text(mission.fuel + 0.02 * max(fuels), i, text, va="center")
     least = missions[0].bound
     if least is not None:
         axes.axvline(least.fuel, color=ORANGE, lw=2.0, ls="--")
