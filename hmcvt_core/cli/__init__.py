@@ -32,6 +32,10 @@ COMMANDS = {
         "map:command",
         "write the efficiency over displacement ratio, engine speed and load",
     ),
+    "mission": (
+        "mission:command",
+        "find the fuel of a work cycle, and how close to the best a strategy comes",
+    ),
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
     "next": ("gap:next_test", "choose the bench test that tells most about a gap"),

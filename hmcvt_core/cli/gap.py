@@ -20,6 +20,7 @@ from ..report.gap_map import draw_gap
 from ..report.pictures import save
 from . import common, logs
 from .common import Answer
+from .gap_cost import cycle_from, with_gap_cost
 from .logs import OPEN
 
 READERS = "hmcvt.readers"
@@ -32,7 +33,8 @@ READERS = "hmcvt.readers"
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
-  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json
+  hmcvt diagnose data/simulated.csv --noise 0.004 --mission transport""",
     common.params_option,
     common.noise_option,
     common.report_option,
@@ -52,6 +54,11 @@ READERS = "hmcvt.readers"
     metavar="P.yaml",
     help="Write the model with the leading set of causes in it.",
 )
+@click.option(
+    "--mission",
+    metavar="CYCLE.csv",
+    help="Work cycle, or the name of a shipped one: what the gap costs on it, in fuel.",
+)
 def diagnose(
     bench: str,
     params: str | None,
@@ -60,6 +67,7 @@ def diagnose(
     report: str | None,
     picture: str | None,
     saved: str | None,
+    mission: str | None,
     seed: int,
 ) -> Answer:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
@@ -68,6 +76,8 @@ def diagnose(
     model = common.model_from(params)
     samples = read_bench(bench)
     held_out = None if holdout is None else read_bench(holdout)
+    # Read first, so that a wrong file is refused before the work.
+    cycle = None if mission is None else cycle_from(mission)
     with common.Progress("diagnosis") as progress:
         diagnosis = transmission.diagnose(
             model, samples, held_out, noise=noise, seed=seed, progress=progress
@@ -79,7 +89,10 @@ def diagnose(
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
-    return _answer(diagnosis, report, lines)
+    answer = _answer(diagnosis, report, lines)
+    if cycle is None:
+        return answer
+    return with_gap_cost(answer, diagnosis, model, cycle)
 
 
 def _answer(

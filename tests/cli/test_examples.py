@@ -136,6 +136,12 @@ def workplace(tmp_path, monkeypatch):
     train["stages"]["HM2"] = copy.deepcopy(
         train["stages"]["HM4"]
     )  # an alias would be refused
+    rows = "".join(f"{i},8,{20 + i % 3}\n" for i in range(20))
+    header = "time,ground_speed [km/h],drawbar_force [kN]\n"
+    (tmp_path / "my_cycle.csv").write_text(header + rows)
+    (tmp_path / "my_strategy.py").write_text(
+        "def choose(now):\n    return now.choice(now.reachable.argmin())\n"
+    )
     (tmp_path / "my_transmission.yaml").write_text(
         yaml.safe_dump(train), encoding="utf-8"
     )
