@@ -183,7 +183,7 @@ class BenchLog:
         self._count = len(rows)
         self._written = None  # until it has been written
         lost = len(lines) + bool(torn) - len(rows)
-        known = header == self._header or takes_over and header in _OLD_HEADERS
+        known = header == self._header or (takes_over and header in _OLD_HEADERS)
         self._report_damage(raw, known, lost, expected)
         if text != raw:
             write_atomically(self.path, text)

@@ -150,9 +150,7 @@ class ModelStore:
             return self.in_service.model
         # The first refit of an example identifies the unit: nothing was known of it before.
         first_of_example = not self._stack and not self._base_model.standard_errors
-        version = _Version(
-            path.name, model.fingerprint, accepted or first_of_example
-        )
+        version = _Version(path.name, model.fingerprint, accepted or first_of_example)
         stack = [*self._with_room(), version]
         return self._commit(_Selection(stack, model))
 

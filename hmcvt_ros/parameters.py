@@ -130,7 +130,7 @@ class Declaration:
         if not value.isprintable():
             raise InputError(f"{self.name} = {value!r} has control characters")
 
-    def descriptor(self, limits_at_run_time: bool) -> ParameterDescriptor:
+    def descriptor(self, limits_at_run_time: bool = False) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows.
 
         Args:
@@ -400,18 +400,6 @@ class Settings:
             skew=_nanoseconds(skew),
         )
 
-    @cached_property
-    def map_axes(
-        self,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Displacement ratios [-], engine speeds [rad/s], load torques [N m] of the map."""
-        strokes, speeds, torques = self.map_points
-        return (
-            np.linspace(DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high, strokes),
-            np.linspace(*self.engine_speed_limits, speeds),
-            np.linspace(*self.map_load_torque_limits, torques),
-        )
-
 
 _LEVEL = ("input_timeouts_", "input_timeouts.")
 PARAMETERS: tuple[Declaration, ...] = tuple(
@@ -428,6 +416,25 @@ def _field(name: str) -> str:
     return name.replace(".", "_")
 
 
+def map_axes(
+    points: tuple[int, int, int],
+    engine_speeds: tuple[float, float],
+    load_torques: tuple[float, float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the axes of the map: displacement ratios [-], engine speeds, load torques.
+
+    Args:
+        points: count of points along each axis.
+        engine_speeds: lowest and highest engine speed [rad/s].
+        load_torques: lowest and highest load torque [N m].
+    """
+    return (
+        np.linspace(DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high, points[0]),
+        np.linspace(*engine_speeds, points[1]),
+        np.linspace(*load_torques, points[2]),
+    )
+
+
 def _nanoseconds(seconds: float) -> int:
     return round(seconds / NANOSECONDS)
 
@@ -438,7 +445,7 @@ def declare(node: Node) -> Settings:
     Raises:
         InputError: a value given at start is of the wrong type or out of range.
     """
-    paths = {}
+    paths: dict[str, Any] = {}
     unlocked = node._parameter_overrides.get(_UNLOCK)
     limits_at_run_time = unlocked is not None and unlocked.value is True
     for declaration in PARAMETERS:

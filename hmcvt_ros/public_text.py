@@ -14,7 +14,7 @@ _FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"',;:]+)+/""")
 
 
 def printable(text: str) -> str:
-    """Return a text whose control characters are written as escapes, such as `\\n`."""
+    """Return a text whose control characters are written as escapes."""
     if text.isprintable():
         return text
     characters = []

@@ -60,8 +60,10 @@ _CERTAIN = 2.0  # standard errors
 _CERTAIN_TREND = 4.0  # standard errors; a false alarm in 1 of 16,000 campaigns
 _FEWEST_FOR_A_TREND = 8  # samples
 _FEWEST_FOR_NOISE = 20  # samples, for a standard deviation good to a sixth
-_FALSE_ALARM = 0.002  # chance that honest samples scatter so much more
-_MEAN_TO_DEVIATION = 1.2533  # mean of absolute values to standard deviation, normal distribution
+_FALSE_ALARM = 0.01  # chance that honest samples scatter so much more
+_MEAN_TO_DEVIATION = (
+    1.2533  # mean of absolute values to standard deviation, normal distribution
+)
 _FEW_CONTRADICTIONS = 2  # one such reading is a mistake more often than not
 _NEAR_LIMIT = 0.5  # part of the limit of the drift from which it is reported
 _GRID = (11, 5, 5)
@@ -303,7 +305,7 @@ def refit(
         set_aside=tuple((candidate.aside + 1).tolist()),
         kept=update.kept(problem.prior),
         refused=_first_objection(candidate, _CHECKS),
-        doubt=_first_objection(candidate, _DOUBTS),
+        doubt=_doubt(candidate),
         largest_change=float(np.abs(candidate.change).max()),
         drift=candidate.drift,
         warnings=tuple(_warnings(candidate, used.samples, problem.predict(fit))),
@@ -469,16 +471,19 @@ def _more_scatter(candidate: _Candidate) -> str | None:
     provenance = candidate.served.provenance
     count = provenance.get("samples")
     error = provenance.get("fit_error")
-    used = candidate.samples.select(candidate.belongs)
-    free = len(used) - len(PARAMETER_NAMES)
-    if not isinstance(count, int) or not isinstance(error, float) or free < 1:
+    if not isinstance(count, int) or not isinstance(error, float):
         return None
-    if count < _FEWEST_FOR_NOISE:
+    samples = candidate.samples
+    predicted = carried_at(candidate.model, samples.points)
+    # What is further off is a mistake of the bench and no other state of the unit.
+    explained = np.abs(predicted - samples.efficiency) <= MAX_CHANGE
+    misses = relative_errors(predicted, samples.efficiency)[explained]
+    free = len(misses) - len(PARAMETER_NAMES)
+    if count < _FEWEST_FOR_NOISE or free < 1:
         return None
     from scipy.stats import f as fisher
 
     known = _MEAN_TO_DEVIATION * error
-    misses = relative_errors(carried_at(candidate.model, used.points), used.efficiency)
     scatter = float(np.sqrt((misses**2).sum() / free))
     ratio = float(fisher.isf(_FALSE_ALARM, free, count - len(PARAMETER_NAMES)))
     if not scatter > known * np.sqrt(ratio):
@@ -513,6 +518,14 @@ def _first_objection(candidate: _Candidate, checks: tuple[_Check, ...]) -> str:
         if objection is not None:
             return objection
     return ""
+
+
+def _doubt(candidate: _Candidate) -> str:
+    """Return why a person has to decide; a change that nobody notices needs none."""
+    changes = (candidate.change, candidate.change_since_accepted)
+    if max(float(np.abs(change).max()) for change in changes) <= _NOTICED:
+        return ""
+    return _first_objection(candidate, _DOUBTS)
 
 
 def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> list[str]:

@@ -2,8 +2,8 @@
 """Attacks on a refit: who controls some or all of the bench samples, and what they send.
 
 Each attack takes the honest samples of a worn unit and returns the samples that the node has
-logged. Where some readings are honest, a refit must not end worse than without the attack. Where all
-are wrong in the same way, nothing shows it, and `MAX_CHANGE` is the bound.
+logged. Where some readings are honest, a refit must not end worse than without the attack. Where
+all are wrong in the same way, nothing shows it, and `MAX_CHANGE` is the bound.
 """
 
 from collections.abc import Callable
@@ -59,9 +59,7 @@ class Attack:
     all_wrong: bool = False
 
 
-def worn(
-    model: hmcvt.EfficiencyModel, factors: np.ndarray
-) -> hmcvt.EfficiencyModel:
+def worn(model: hmcvt.EfficiencyModel, factors: np.ndarray) -> hmcvt.EfficiencyModel:
     """Return a model with its parameters multiplied."""
     values = model.parameters.to_array() * factors
     return replace(model, parameters=hmcvt.HydraulicParameters(*values.tolist()))
@@ -172,10 +170,11 @@ def _cluster(
     spread = jitter * _SIZE * scene.rng.uniform(-1.0, 1.0, (count, 3))
     points = centre + spread
     points[:, 0] = np.clip(points[:, 0], -1.0, 1.0)
-    truth = scene.unit.efficiency(*points.T)
+    ratio, speed, torque = points.T
+    truth = np.asarray(scene.unit.efficiency(ratio, speed, torque))
     truth = np.where(np.isfinite(truth), truth, scene.unit.efficiency(*centre))
     readings = truth + by + NOISE * scene.rng.standard_normal(count)
-    return hmcvt.BenchSamples(*points.T, np.clip(readings, 0.01, 0.99))
+    return hmcvt.BenchSamples(ratio, speed, torque, np.clip(readings, 0.01, 0.99))
 
 
 def _mixed(
@@ -275,7 +274,9 @@ def _serving(result: Refit, start: Scene) -> hmcvt.EfficiencyModel:
 
 def _grid(model: hmcvt.EfficiencyModel) -> list[np.ndarray]:
     assert model.domain is not None
-    axes = [np.linspace(low, high, 9) for low, high in model.domain.to_mapping().values()]
+    axes = [
+        np.linspace(low, high, 9) for low, high in model.domain.to_mapping().values()
+    ]
     return list(np.meshgrid(*axes))
 
 

@@ -252,7 +252,12 @@ def start_anywhere(
         folder = tmp_path_factory.mktemp("node")
         state = state or folder / "state"
         namespace = f"/node{next(_numbers)}"
-        given = {"model_file": model_file, "state_folder": state, **parameters}
+        given = {
+            "model_file": model_file,
+            "state_folder": state,
+            "limits_at_run_time": True,
+            **parameters,
+        }
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
                 [
