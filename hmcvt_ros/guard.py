@@ -12,8 +12,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.msg import (
+    LoggerLevel,
+    SetLoggerLevelsResult,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import SetLoggerLevels, SetParameters
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
@@ -34,7 +38,7 @@ NOTES_AT_ONCE = 20
 """Lines of one kind about what succeeded, within a minute."""
 _NOTES_WITHIN = 60.0
 
-_ENTRY_FIELDS = ("parameters", "names", "prefixes")
+_ENTRY_FIELDS = ("parameters", "names", "prefixes", "levels")
 """Fields of requests that hold entries."""
 
 
@@ -160,6 +164,7 @@ class Guard:
 
         def bounded(request: Any, response: Any) -> Any:
             _require_small(request)
+            _require_quiet(request)
             self._require_few(request)
             if not isinstance(request, SetParameters.Request):
                 return contained(request, response)
@@ -198,10 +203,25 @@ def _require_small(request: Any) -> None:
         raise InputError(f"{size} bytes; allowed are {RAW_LIMIT}")
 
 
+def _require_quiet(request: Any) -> None:
+    """Refuse the levels of a logger that would fill a disk."""
+    if not isinstance(request, SetLoggerLevels.Request):
+        return
+    for entry in request.levels:
+        if entry.level < LoggerLevel.LOG_LEVEL_INFO:
+            raise InputError(
+                f"logger {entry.name!r}: level {entry.level} is below info; give it at the "
+                "start by --log-level"
+            )
+
+
 def _refusal(reason: str, request: Any, response: Any) -> Any:
     """Fill in a response; a response without a field for the reason stays empty, as in rclpy."""
     refused = SetParametersResult(successful=False, reason=reason)
-    if hasattr(response, "results"):
+    if isinstance(request, SetLoggerLevels.Request):
+        not_set = SetLoggerLevelsResult(successful=False, reason=reason)
+        response.results = [not_set] * len(request.levels)
+    elif hasattr(response, "results"):
         response.results = [refused] * len(request.parameters)
     elif hasattr(response, "failure_reason"):
         response.failure_reason = reason

@@ -101,8 +101,11 @@ class EfficiencyNode(Node):
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
     `stage`, `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
     `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`, `~/model`, `~/efficiency_map`,
-    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
+    `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
+
+    It runs in any single-threaded executor, together with other nodes. Call `close` before
+    `destroy_node`.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -113,8 +116,14 @@ class EfficiencyNode(Node):
             state folder.
     """
 
-    def __init__(self) -> None:
-        super().__init__("hmcvt", enable_logger_service=True)
+    def __init__(self, **options: Any) -> None:
+        """Create the node.
+
+        Args:
+            options: keyword arguments of `rclpy.node.Node`, such as `context`, `namespace` and
+                `parameter_overrides`.
+        """
+        super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._inputs = Inputs()
         self._ages = self._clock_of_ages()
         self._settings = parameters.declare(self)
