@@ -42,6 +42,25 @@ _ENTRY_FIELDS = ("parameters", "names", "prefixes", "levels")
 """Fields of requests that hold entries."""
 
 
+class Budget:
+    """What may be spent within a second."""
+
+    def __init__(self, limit: int) -> None:
+        """Take the limit."""
+        self._limit = limit
+        self._spent = 0
+        self._second = 0
+
+    def spend(self, count: int) -> bool:
+        """Spend a count; return False when that is too much for the present second."""
+        second = int(time.monotonic())
+        if second != self._second:
+            self._second = second
+            self._spent = 0
+        self._spent += count
+        return self._spent <= self._limit
+
+
 class Log:
     """Writes lines to the log of a node; what repeats is counted and not written.
 
@@ -113,8 +132,7 @@ class Guard:
         """Guard everything that rclpy has created in a node by itself."""
         self.contained = 0
         self.log = log
-        self._entries = 0  # of requests within the present second
-        self._second = 0
+        self._entries = Budget(ENTRIES_PER_SECOND)
         for service in node.services:
             service.callback = self._bounded(service.service_name, service.callback)
         # There is one for /clock with use_sim_time, and none otherwise.
@@ -179,12 +197,7 @@ class Guard:
 
     def _require_few(self, request: Any) -> None:
         """Refuse what would keep the thread that answers busy."""
-        second = int(time.monotonic())
-        if second != self._second:
-            self._second = second
-            self._entries = 0
-        self._entries += max(_entries(request), 1)
-        if self._entries > ENTRIES_PER_SECOND:
+        if not self._entries.spend(max(_entries(request), 1)):
             raise InputError(
                 f"busy: more than {ENTRIES_PER_SECOND} entries of requests a second"
             )

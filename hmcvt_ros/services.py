@@ -21,7 +21,7 @@ from hmcvt_core.interface import plain
 
 from . import jobs, qos
 from .diagnostics import Activity, Job, Staged, gap_values
-from .guard import Log
+from .guard import Budget, Log
 from .model_store import ModelStore, utc_now
 from .parameters import ADOPT, Settings
 from .public_text import PublicText
@@ -29,8 +29,10 @@ from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]
-MOST_WAITING = 50
-"""Requests that may wait for a disk together."""
+MOST_WAITING = 10
+"""Requests that may wait for a disk together; rclpy looks at each of them at every message."""
+REQUESTS_PER_SECOND = 50
+"""Requests beyond which more are refused at once."""
 PROGRESS_EVERY = 1.0
 """Time between two messages about a running job [s]."""
 
@@ -114,6 +116,7 @@ class Services:
         self._worker = Worker()
         self._progress = Progress(node, public)
         self._unanswered = 0  # requests
+        self._requests = Budget(REQUESTS_PER_SECOND)
         # A group apart: a service that awaits a job would block the node's default group. It is
         # re-entrant, so that a second request can be refused while the first is served.
         group = ReentrantCallbackGroup()
@@ -232,6 +235,10 @@ class Services:
         ) -> Trigger.Response:
             self._unanswered += 1
             try:
+                if not self._requests.spend(1):
+                    raise HmcvtError(
+                        f"busy: more than {REQUESTS_PER_SECOND} requests a second"
+                    )
                 if self._unanswered > MOST_WAITING:
                     raise HmcvtError(
                         f"busy: {MOST_WAITING} requests wait already for the disk"

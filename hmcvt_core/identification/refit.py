@@ -61,6 +61,7 @@ _CERTAIN_TREND = 4.0  # standard errors; a false alarm in 1 of 16,000 campaigns
 _FEWEST_FOR_A_TREND = 8  # samples
 _FEWEST_FOR_NOISE = 20  # samples, for a standard deviation good to a sixth
 _FALSE_ALARM = 0.01  # chance that honest samples scatter so much more
+_BENCHES_DIFFER = 1.2  # noise of two campaigns of one bench; chosen on development campaigns
 _MEAN_TO_DEVIATION = (
     1.2533  # mean of absolute values to standard deviation, normal distribution
 )
@@ -486,7 +487,7 @@ def _more_scatter(candidate: _Candidate) -> str | None:
     known = _MEAN_TO_DEVIATION * error
     scatter = float(np.sqrt((misses**2).sum() / free))
     ratio = float(fisher.isf(_FALSE_ALARM, free, count - len(PARAMETER_NAMES)))
-    if not scatter > known * np.sqrt(ratio):
+    if not scatter > _BENCHES_DIFFER * known * np.sqrt(ratio):
         return None
     return (
         f"the samples scatter by {100 * scatter:.2g} %, those of the model in service did by "

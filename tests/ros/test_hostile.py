@@ -165,6 +165,7 @@ def test_honest_log_and_refit_survive_a_flood_of_requests(node, base):
     send_table(node, campaign(worn(base, 3 * (1.1,)), 20, 0))
     honest = node.player.call("reidentify").data
     assert honest["staged"] is False, honest
+    node.player.spin_for(1.0)
     for _ in range(21):
         assert node.player.call("reidentify").data["file"] == honest["file"]
     logs = set(node.state.glob("bench_samples.cleared-*.csv"))
@@ -179,8 +180,13 @@ def test_honest_log_and_refit_survive_a_flood_of_requests(node, base):
 
 def test_log_does_not_grow_with_what_repeats(node):
     size = len(node.log)
+    refused = 0
     for _ in range(300):
-        assert node.player.call("clear_samples").success
+        reply = node.player.call("clear_samples")
+        if not reply.success:
+            assert "busy: more than 50 requests a second" in reply.data["error"]
+            refused += 1
+    assert refused < 300
     assert len(node.log) - size < 5000
 
 
