@@ -31,6 +31,8 @@ ENTRIES_LIMIT = 100
 """Most entries of a request."""
 ENTRIES_PER_SECOND = 300
 """Most entries of all requests together; a file of all parameters has thirty."""
+COST_OF_A_CHANGE = 5
+"""Entries that are read in the time in which one parameter is set and announced."""
 
 QUIET = 5.0
 """Time between two warnings of one kind [s]."""
@@ -52,13 +54,15 @@ class Budget:
         self._second = 0
 
     def spend(self, count: int) -> bool:
-        """Spend a count; return False when that is too much for the present second."""
+        """Spend a count; return False when the budget of the present second is used up."""
         second = int(time.monotonic())
         if second != self._second:
             self._second = second
             self._spent = 0
+        if self._spent >= self._limit:
+            return False
         self._spent += count
-        return self._spent <= self._limit
+        return True
 
 
 class Log:
@@ -197,7 +201,10 @@ class Guard:
 
     def _require_few(self, request: Any) -> None:
         """Refuse what would keep the thread that answers busy."""
-        if not self._entries.spend(max(_entries(request), 1)):
+        cost = max(_entries(request), 1)
+        if isinstance(request, SetParameters.Request):
+            cost *= COST_OF_A_CHANGE
+        if not self._entries.spend(cost):
             raise InputError(
                 f"busy: more than {ENTRIES_PER_SECOND} entries of requests a second"
             )

