@@ -65,7 +65,9 @@ _SHARES = np.linspace(
     0.02, 0.6, 30
 )  # of the samples that may be of the model in service
 _FAR_FROM_BOTH = 1e-3  # likelihood of a sample of neither state
-_CERTAIN_MIXTURE = 6.6  # twice the log likelihood ratio; false alarm in 1 of 200 campaigns
+_CERTAIN_MIXTURE = (
+    6.6  # twice the log likelihood ratio; false alarm in 1 of 200 campaigns
+)
 _BENCHES_DIFFER = (
     1.2  # noise of two campaigns of one bench; chosen on development campaigns
 )
@@ -520,6 +522,8 @@ def _more_scatter(candidate: _Candidate) -> str | None:
 
     known = _MEAN_TO_DEVIATION * error
     scatter = float(np.sqrt((misses**2).sum() / free))
+    # Two units of like share flatten the middle of the distribution rather than its ends.
+    scatter = max(scatter, MEDIAN_TO_DEVIATION * float(np.median(misses)))
     ratio = float(fisher.isf(_FALSE_ALARM, free, count - len(PARAMETER_NAMES)))
     if not scatter > _BENCHES_DIFFER * known * np.sqrt(ratio):
         return None
