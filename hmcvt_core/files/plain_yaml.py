@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     import yaml
 
 _TABLES = (".csv", ".tsv", ".txt")
-_MAX_BYTES = 4 * 1024 * 1024
+# Chosen by us: a hundred times what the largest file of the project needs.
+_MAX_BYTES = 1024 * 1024
+_MOST_EVENTS = 40_000
+"""Keys, values, and beginnings and ends of collections that a file may hold."""
 _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 
 
@@ -118,27 +121,33 @@ def _require_plain(events: Iterable[yaml.Event]) -> None:
     from yaml.events import CollectionEndEvent, CollectionStartEvent
 
     depth = 0
-    for event in events:
-        depth += isinstance(event, CollectionStartEvent) - isinstance(
-            event, CollectionEndEvent
-        )
-        anchor, tag = (getattr(event, mark, None) for mark in ("anchor", "tag"))
-        for found, what in (
-            (
-                anchor,
-                f"{anchor!r} is an alias or the anchor of one: write the values out",
-            ),
-            (tag, f"{tag!r} is a tag: write the value alone"),
-            (
-                getattr(event, "value", None) == "<<",
-                "'<<' merges mappings: write the values out",
-            ),
-            (depth > _DEEPEST, f"more than {_DEEPEST} levels"),
-        ):
-            if found:
-                raise InputError(
-                    f"not YAML of a parameter file{_line_of(event)}: {what}"
-                )
+    for count, event in enumerate(events):
+        if isinstance(event, CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, CollectionEndEvent):
+            depth -= 1
+        complaint = _not_plain(event)
+        if depth > _DEEPEST:
+            complaint = f"more than {_DEEPEST} levels"
+        if count > _MOST_EVENTS:
+            complaint = f"more than {_MOST_EVENTS} keys and values"
+        if complaint:
+            raise InputError(
+                f"not YAML of a parameter file{_line_of(event)}: {complaint}"
+            )
+
+
+def _not_plain(event: yaml.Event) -> str:
+    """Return what is not plain about a part of a file; empty when nothing."""
+    anchor = getattr(event, "anchor", None)
+    if anchor:
+        return f"{anchor!r} is an alias or the anchor of one: write the values out"
+    tag = getattr(event, "tag", None)
+    if tag:
+        return f"{tag!r} is a tag: write the value alone"
+    if getattr(event, "value", None) == "<<":
+        return "'<<' merges mappings: write the values out"
+    return ""
 
 
 def _line_of(item: object, mark: str = "start_mark") -> str:
