@@ -11,6 +11,7 @@ the rest. The Python of the pages is run.
 
 import copy
 import functools
+import itertools
 import re
 import shlex
 import shutil
@@ -150,8 +151,19 @@ def workplace(tmp_path, monkeypatch):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
+    _write_maps(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def _write_maps(folder):
+    """Write the loss map of a gearbox, and a matrix of efficiencies."""
+    losses = ["Input Speed [rpm],Input Torque [Nm],Torque Loss [Nm]"]
+    for speed, torque in itertools.product((500, 1500, 2500), (100, 300, 900)):
+        losses.append(f"{speed},{torque},{8.5 + 0.02 * torque + 0.001 * speed:.4f}")
+    (folder / "gear.vtlm").write_text("\n".join(losses), encoding="utf-8")
+    matrix = ["torque,500,1500,2500", "100,88,89,87", "300,92,93,91", "900,90,91,90"]
+    (folder / "matrix.csv").write_text("\n".join(matrix), encoding="utf-8")
 
 
 def _write_stages(folder):

@@ -398,3 +398,40 @@ def test_titles_and_blank_cells_above_the_header_of_a_unit(hmcvt, tmp_path):
     path.write_text(f"{header},,\npump,1000,100,2,,\n")
     done = hmcvt("unit", path)
     assert done.code == 2 and "columns 5, 6 have no name" in done.err, done
+
+
+def test_last_rows_that_lack_what_all_others_have_are_named(hmcvt, tmp_path):
+    meters = {
+        "Coolant temp [degC]": 80.0 + STROKE,
+        "Charge pressure [bar]": 20.0 + STROKE,
+    }
+    below = [(0.123, 1500.4, 260.2, 77.1, "", "")]
+    text = text_of(LOADS | meters, below)
+    done = imported(hmcvt, tmp_path, text)
+    assert (
+        done.code == 2 and "lacks cells in columns that all rows above fill" in done.err
+    )
+    done = imported(hmcvt, tmp_path, text, "--skip-bad")
+    assert done.code == 0, done
+    assert len(read_bench(tmp_path / "bench.csv")) == TESTS
+    assert_true(tmp_path / "bench.csv")
+
+
+def test_small_fractions_below_a_stroke_in_percent_are_asked(hmcvt, tmp_path):
+    percent = 100.0 * STROKE
+    percent[-4:] = [0.0042, 0.0014, -0.0014, -0.0042]
+    percent[-4:] *= 100.0
+    text = text_of(replaced(LOADS, "Stroke [%]", "Stroke [%]", percent))
+    done = imported(hmcvt, tmp_path, text)
+    assert done.code == 2 and "does its unit change within the table" in done.err, done
+
+
+def test_a_code_with_a_decimal_comma_leaves_the_neutral_open(hmcvt, tmp_path):
+    half = [f"{0.5 + 0.5 * value:.4f}".replace(".", ",") for value in STROKE]
+    half[4] = "6553,5"
+    columns = replaced(LOADS, "Stroke [%]", "Stroke [-]", half)
+    lines = [";".join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(";".join(cell(value).replace(".", ",") for value in row))
+    done = imported(hmcvt, tmp_path, "\n".join(lines), "--skip-bad")
+    assert done.code == 2 and "in the middle of the range" in done.err, done

@@ -48,6 +48,8 @@ _EVEN = 1.01
 """Part of the usual step that a step of a grid has at most."""
 _FRACTION = 0.0105
 """Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
+_NEUTRAL = 0.003
+"""Stroke within which a pump that is held in neutral stays."""
 _FEWEST_IN_BLOCK = 3
 _HOTTEST_OIL = 130.0
 """Oil temperature in deg C that some test of a bench stays below; 54 deg C are 130 deg F."""
@@ -255,7 +257,7 @@ def _small_block(stroke: Array) -> int:
         large = np.flatnonzero(ordered > _FRACTION)
         count = int(large[0])
         block = ordered[:count]
-        if count >= _FEWEST_IN_BLOCK and block.max() > 0.5 * _FRACTION:
+        if count >= _FEWEST_IN_BLOCK and block.max() > _NEUTRAL:
             return count
     return 0
 

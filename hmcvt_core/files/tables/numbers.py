@@ -233,7 +233,7 @@ def not_available(cell: str) -> bool:
     if _NOT_AVAILABLE.fullmatch(cell.strip()):
         return True
     try:
-        return float(cell) in SENTINELS
+        return float(cell.replace(",", ".")) in SENTINELS
     except ValueError:
         return False
 

@@ -2,8 +2,8 @@
 """Rows that are no tests: means and limits below a table, set values, repeated headers.
 
 A row is a summary where a cell says so (`Mean`, `Sollwert`, `Upper limit`), where text or nothing
-stands in a column that numbers the tests, or where its numbers are the mean, median, deviation,
-least, largest or sum of the rows above.
+stands in a column that numbers the tests, where it lacks what all other rows have, or where its
+numbers are the mean, median, deviation, least, largest or sum of the rows above.
 """
 
 import math
@@ -50,6 +50,8 @@ _MOST_SUMMARIES = 8
 _FEWEST_ROWS = 3
 _FEWEST_NUMBERED = 5
 """Tests numbered 1, 2, 3, ... from which a row without a number stands out."""
+_FEWEST_LACKING = 2
+"""Columns whose last cells are empty from which the last rows are no tests."""
 _FEWEST_COLUMNS = 3
 _WIDTH = 2e-3
 """Part of the spread of a column by which a statistic of it may be rounded."""
@@ -66,6 +68,8 @@ def summary_rows(table: RawTable) -> dict[int, str]:
         reasons = _labelled(cells) | _without_number(name, cells)
         for index, reason in reasons.items():
             summaries.setdefault(table.rows[index], reason)
+    for index, reason in _incomplete_at_the_end(table).items():
+        summaries.setdefault(table.rows[index], reason)
     labelled = set(summaries)
     kept = [index for index, row in enumerate(table.rows) if row not in labelled]
     for index, reason in _statistics_below(table, kept).items():
@@ -106,6 +110,28 @@ def _without_number(name: str, cells: Sequence[str]) -> dict[int, str]:
         return {}
     reason = f"has no number in column {name!r}, which numbers the tests"
     return dict.fromkeys(range(numbered, len(cells)), reason)
+
+
+def _incomplete_at_the_end(table: RawTable) -> dict[int, str]:
+    """Return the last rows that lack what every other row has, in several columns.
+
+    A statistic is made of some columns only; a test has readings of all meters.
+    """
+    columns = list(table.columns.values())
+    height = len(table.rows)
+    lacking = [0] * height
+    for cells in columns:
+        last = height
+        while last and not cells[last - 1]:
+            last -= 1
+        if last >= _FEWEST_NUMBERED and all(cells[:last]):
+            for index in range(last, height):
+                lacking[index] += 1
+    count = sum(cells >= _FEWEST_LACKING for cells in lacking)
+    if not 0 < count <= _MOST_SUMMARIES:
+        return {}
+    reason = "lacks cells in columns that all rows above fill"
+    return dict.fromkeys(range(height - count, height), reason)
 
 
 def _is_text(cell: str) -> bool:
