@@ -12,6 +12,7 @@ line use `hmcvt_core.cli.common` in addition (docs/cli.md).
 | files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
 | steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
 | a model in service | `refit`, `joined`, `HOLDS` |
+| control of the drive line | `Controller`, `Drive`, `Vehicle`, `load_vehicle` |
 | processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
 """
 
@@ -43,6 +44,8 @@ from .files.steady import (
 from .files.tables.units import UNITS
 from .fleet import ONE_BLAS_THREAD
 from .identification.refit import refit
+from .mission import Drive, Vehicle, load_vehicle
+from .mission.controller import Controller
 from .model.optimum import HOLDS
 from .transmission.ranges import (
     BENCH_COLUMNS,
@@ -71,11 +74,14 @@ __all__ = [
     "POINT_RANGES",
     "SETTLED",
     "UNITS",
+    "Controller",
+    "Drive",
     "Range",
     "Readings",
     "Shafts",
     "Steadiness",
     "SteadyWindow",
+    "Vehicle",
     "block_statistics",
     "channels",
     "complaint",
@@ -83,6 +89,7 @@ __all__ = [
     "held",
     "joined",
     "limit",
+    "load_vehicle",
     "make_folder",
     "numbered",
     "plain",
