@@ -12,6 +12,7 @@ line use `hmcvt_core.cli.common` in addition (docs/cli.md).
 | files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
 | steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
 | a model in service | `refit`, `MAX_CHANGE`, `joined`, `HOLDS`, `PAPER_EFFICIENCY_UNCERTAINTY` |
+| control of the drive line | `Controller`, `Drive`, `Vehicle`, `load_vehicle` |
 | processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
 """
 
@@ -43,6 +44,8 @@ from .files.steady import (
 from .files.tables.units import UNITS
 from .fleet import ONE_BLAS_THREAD
 from .identification.refit import MAX_CHANGE, refit
+from .mission import Drive, Vehicle, load_vehicle
+from .mission.controller import Controller
 from .model.optimum import HOLDS
 from .transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from .transmission.ranges import (
@@ -74,11 +77,14 @@ __all__ = [
     "POINT_RANGES",
     "SETTLED",
     "UNITS",
+    "Controller",
+    "Drive",
     "Range",
     "Readings",
     "Shafts",
     "Steadiness",
     "SteadyWindow",
+    "Vehicle",
     "block_statistics",
     "channels",
     "complaint",
@@ -86,6 +92,7 @@ __all__ = [
     "held",
     "joined",
     "limit",
+    "load_vehicle",
     "make_folder",
     "numbered",
     "plain",

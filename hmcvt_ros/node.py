@@ -36,7 +36,7 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.interface import LOAD_TORQUE, joined
+from hmcvt_core.interface import LOAD_TORQUE, joined, load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
@@ -146,6 +146,9 @@ class EfficiencyNode(Node):
         self._engine = None
         if self._settings.engine_file:
             self._engine = load_engine(self._settings.engine_file)
+        self._vehicle = None
+        if self._settings.vehicle_file:
+            self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
         self._points = Tally(POINT_REASONS)
         self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
@@ -332,11 +335,11 @@ class EfficiencyNode(Node):
         """Return what answers; None where the model has several stages and none is engaged."""
         transmission = self._served.model
         if not transmission.other_stages:
-            return Served(transmission, transmission, self._engine)
+            return Served(transmission, transmission, self._engine, self._vehicle)
         model = transmission.stages.get(self._stage)
         if model is None:
             return None
-        return Served(model, transmission, self._engine)
+        return Served(model, transmission, self._engine, self._vehicle)
 
     def _without_stage(self) -> str:
         """Return why no stage is engaged."""

@@ -251,6 +251,13 @@ class Settings:
         "output power.",
         choices=HOLDS,
     )
+    vehicle_file: str = _parameter(
+        "",
+        "Vehicle file with the limits of the machine: with an engine and optimum_hold "
+        "output_speed the causal strategy of hmcvt mission answers, so that stage and engine "
+        "speed do not hunt; empty for the optimum without limits.",
+        read_only=True,
+    )
     engine_speed_limits: tuple[float, float] = _parameter(
         [round(limit, 2) for limit in ENGINE_SPEED_LIMITS],
         "Engine speeds that the optimum may use and the map covers.",

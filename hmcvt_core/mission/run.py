@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..model.engine import Engine
 from ..transmission.ranges import RPM, Array
 from .cycle import Cycle
 from .moves import Moves, State
@@ -157,11 +158,13 @@ class _Runner:
 
     def _wanted(self, k: int) -> Choice | None:
         """Return what the strategy asks for; None where its model holds nothing, or it fails."""
-        situation = self._situation(k)
-        if not np.isfinite(situation.reachable).any():
+        now = situation(
+            self._cycle, self._believed, self._moves, self._state, self._engine, k
+        )
+        if not np.isfinite(now.reachable).any():
             return None
         try:
-            return checked_choice(self._strategy(situation), self._points.grid.stages)
+            return checked_choice(self._strategy(now), now.stages)
         except InputError as error:
             complaint = str(error)
         except Exception as error:  # a strategy of a user may raise anything
@@ -173,33 +176,49 @@ class _Runner:
         )
         return None
 
-    def _situation(self, k: int) -> Situation:
-        cycle = self._cycle
-        grid = self._points.grid
-        reachable = self._moves.cost(self._state, self._believed, k)
-        if not np.isfinite(reachable).any():
-            reachable = self._believed.fuel[k]
-        state = self._state
-        return Situation(
-            time=float(cycle.time[k]),
-            output_speed=float(cycle.output_speed[k]),
-            output_power=float(cycle.output_power[k]),
-            pto_power=float(cycle.pto_power[k]),
-            auxiliary_power=float(cycle.auxiliary_power[k]),
-            stage=None if state is None else grid.stages[state.stage],
-            engine_speed=np.nan if state is None else state.engine_speed,
-            displacement_ratio=np.nan if state is None else state.stroke,
-            stages=grid.stages,
-            engine_speeds=self._believed.engine_speed[k],
-            stroke=self._believed.stroke[k],
-            engine_torque=self._believed.engine_torque[k],
-            fuel=self._believed.fuel[k],
-            fuel_changing=self._believed.fuel_changing[k],
-            reachable=reachable,
-            engine=self._engine,
-            step=cycle.step,
-            moves=self._moves,
-        )
+
+def situation(
+    cycle: Cycle,
+    points: WorkingPoints,
+    moves: Moves,
+    state: State | None,
+    engine: Engine,
+    k: int,
+) -> Situation:
+    """Return what a strategy knows at a step.
+
+    Args:
+        cycle: demand.
+        points: working points by the model that the strategy has.
+        moves: of the machine.
+        state: in the step before; None at the beginning.
+        engine: of the drive line.
+        k: the step.
+    """
+    grid = points.grid
+    reachable = moves.cost(state, points, k)
+    if not np.isfinite(reachable).any():
+        reachable = points.fuel[k]
+    return Situation(
+        time=float(cycle.time[k]),
+        output_speed=float(cycle.output_speed[k]),
+        output_power=float(cycle.output_power[k]),
+        pto_power=float(cycle.pto_power[k]),
+        auxiliary_power=float(cycle.auxiliary_power[k]),
+        stage=None if state is None else grid.stages[state.stage],
+        engine_speed=np.nan if state is None else state.engine_speed,
+        displacement_ratio=np.nan if state is None else state.stroke,
+        stages=grid.stages,
+        engine_speeds=points.engine_speed[k],
+        stroke=points.stroke[k],
+        engine_torque=points.engine_torque[k],
+        fuel=points.fuel[k],
+        fuel_changing=points.fuel_changing[k],
+        reachable=reachable,
+        engine=engine,
+        step=cycle.step,
+        moves=moves,
+    )
 
 
 def _nearest(
