@@ -20,6 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, even_columns, is_recording, looks_recorded, powers
 from .tables.checks import (
     causes_of_efficiency,
+    contradicting_tests,
     contradictions,
     implausible,
 )
@@ -271,14 +272,14 @@ def import_table(
     if "torque_loss" in columns:
         notes.append(_LOSS_NOTE)
     rows = _sorted_rows(values, columns, table)
+    spares = _all_values(proposal.spares, table)
     if not unchecked:
-        odd = _odd_rows(values, extra.get("stage"), table)
+        odd = _odd_rows(values, spares, extra.get("stage"), table)
         rows = rows.without(odd, table)
     _require_tests(rows, skip_bad, table)
     taken = _rows(values, rows.kept)
     stages = _stages(extra, rows.kept)
     if not unchecked:
-        spares = _rows(_all_values(proposal.spares, table), rows.kept)
         confirmed = confirmed_torque(values, columns, table)
         sure: list[str] = []
         if confirmed is not None and confirmed.in_all_rows:
@@ -287,7 +288,13 @@ def import_table(
                 f"column {confirmed.name!r} agrees with the load torque by power and speed"
             )
         _refuse_contradictions(
-            _rows(stated, rows.kept), spares, taken, columns, table, stages, sure
+            _rows(stated, rows.kept),
+            _rows(spares, rows.kept),
+            taken,
+            columns,
+            table,
+            stages,
+            sure,
         )
     note = shafts_note(taken, columns, stages)
     if note:
@@ -406,16 +413,21 @@ def _stages(
 
 
 def _odd_rows(
-    values: Mapping[str, Array], stages: Sequence[str] | None, table: RawTable
+    values: Mapping[str, Array],
+    spares: Mapping[str, Array],
+    stages: Sequence[str] | None,
+    table: RawTable,
 ) -> dict[int, str]:
     """Return rows whose values do not fit those of the others, by number.
 
     Args:
         values: SI values by quantity.
+        spares: the same of columns that say the same again.
         stages: of the rows, on which the speed ratio depends; None where no column names them.
         table: where they stand.
     """
     odd = odd_oil(values) | odd_ratios(values, stages)
+    odd |= contradicting_tests({**spares, **values})
     return {table.rows[index]: reason for index, reason in odd.items()}
 
 

@@ -435,3 +435,35 @@ def test_a_code_with_a_decimal_comma_leaves_the_neutral_open(hmcvt, tmp_path):
         lines.append(";".join(cell(value).replace(".", ",") for value in row))
     done = imported(hmcvt, tmp_path, "\n".join(lines), "--skip-bad")
     assert done.code == 2 and "in the middle of the range" in done.err, done
+
+
+def test_a_maximum_of_a_missing_reading_is_no_test(hmcvt, tmp_path):
+    torques = [f"{value:.4f}" for value in LOAD]
+    torques[3] = ""
+    columns = replaced(LOADS, "Load torque [Nm]", "Load torque [Nm]", torques)
+    above = [np.max(values) for values in LOADS.values()]
+    above[2] = LOAD.max() + 50.0
+    below = [np.mean(values) for values in LOADS.values()]
+    done = imported(hmcvt, tmp_path, text_of(columns, [above, below]), "--skip-bad")
+    assert done.code == 0, done
+    assert len(read_bench(tmp_path / "bench.csv")) == TESTS - 1
+    assert_true(tmp_path / "bench.csv")
+
+
+def test_a_test_that_contradicts_its_shafts_is_named(hmcvt, tmp_path):
+    stated = 100.0 * EFFICIENCY
+    stated[5] *= 0.7
+    text = text_of(SHAFTS | {"Efficiency [%]": stated})
+    done = imported(hmcvt, tmp_path, text)
+    assert done.code == 2 and "row 7: efficiency =" in done.err, done
+    done = imported(hmcvt, tmp_path, text, "--skip-bad")
+    assert done.code == 0, done
+    assert_true(tmp_path / "bench.csv")
+
+
+def test_a_misread_sign_in_a_name_is_asked(hmcvt, tmp_path):
+    columns = replaced(
+        SHAFTS, "Output torque [Nm]", "\u00a6\u00a4 Output torque [Nm]", OUT
+    )
+    done = imported(hmcvt, tmp_path, text_of(columns))
+    assert done.code == 2 and "is not known" in done.err, done

@@ -8,6 +8,7 @@ ratio shows it; elsewhere only sizes that no tractor transmission has are refuse
 from collections.abc import Collection, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...transmission.ranges import Array
 from .proposal import Column
@@ -88,18 +89,47 @@ def contradictions(
             ratio = _median_ratio(ways[other], ways[names[0]])
             if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
                 problems.append(_disagreement(quantity, other, names[0], ratio))
-    loads = routes["load_torque"]
-    powers = routes["engine_power"]
-    if "efficiency" in both and loads and powers and not problems:
-        (load_name, load), *_ = loads.items()
-        (power_name, power), *_ = powers.items()
-        shafts = load * both["engine_speed"] / power
-        ratio = _median_ratio(shafts, both["efficiency"])
-        scattered = _share_apart(shafts, both["efficiency"]) > _MOST_APART
+    shafts = _by_shafts(both)
+    if shafts is not None and not problems:
+        way, efficiency = shafts
+        ratio = _median_ratio(efficiency, both["efficiency"])
+        scattered = np.mean(_far_apart(efficiency, both["efficiency"])) > _MOST_APART
         if ratio is not None and (abs(np.log(ratio)) > _AGREEMENT or scattered):
-            way = f"{load_name} / {power_name}"
             problems.append(_disagreement("efficiency", way, "its column", ratio))
     return problems
+
+
+def contradicting_tests(values: Mapping[str, Array]) -> dict[int, str]:
+    """Return the few tests whose efficiency and shafts differ, by position.
+
+    Args:
+        values: SI values by quantity, shape (n,) each.
+    """
+    shafts = _by_shafts(values)
+    if shafts is None:
+        return {}
+    way, efficiency = shafts
+    apart = _far_apart(efficiency, values["efficiency"])
+    if np.mean(apart) > _MOST_APART:
+        return {}  # the whole column is of another quantity
+    reasons = {}
+    for index in np.flatnonzero(apart).tolist():
+        reasons[index] = (
+            f"efficiency = {values['efficiency'][index]:.4g}, but {way} gives "
+            f"{efficiency[index]:.4g}"
+        )
+    return reasons
+
+
+def _by_shafts(values: Mapping[str, Array]) -> tuple[str, Array] | None:
+    """Return how the shafts give the efficiency, and its values; None without a second route."""
+    loads = _load_torques(values)
+    powers = _engine_powers(values)
+    if "efficiency" not in values or not loads or not powers:
+        return None
+    (load_name, load), *_ = loads.items()
+    (power_name, power), *_ = powers.items()
+    return f"{load_name} / {power_name}", load * values["engine_speed"] / power
 
 
 def _load_torques(values: Mapping[str, Array]) -> dict[str, Array]:
@@ -137,13 +167,11 @@ def _median_ratio(one: Array, other: Array) -> float | None:
     return float(np.median(usable))
 
 
-def _share_apart(one: Array, other: Array) -> float:
-    """Return the share of tests in which two routes differ by more than `_FAR_APART`."""
+def _far_apart(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Return in which tests two routes differ by more than `_FAR_APART`; in none that lack one."""
     ratio = one / other
-    usable = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    if not len(usable):
-        return 0.0
-    return float(np.mean(np.abs(np.log(usable)) > _FAR_APART))
+    usable = np.isfinite(ratio) & (ratio > 0.0)
+    return usable & (np.abs(np.log(np.where(usable, ratio, 1.0))) > _FAR_APART)
 
 
 def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:

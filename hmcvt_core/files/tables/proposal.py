@@ -675,7 +675,9 @@ def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     for rival in others:
         # A unit that is not known hides whether the column is in range.
         unknown = rival.rank[1] and rival.doubt.endswith("is not known")
-        unit_unknown = unknown and not rival.doubt.startswith(("'", '"'))
+        is_word = rival.doubt.startswith(("'", '"'))
+        states_unit = rival.rank[3]
+        unit_unknown = unknown and not (is_word and states_unit)
         if rival.rank == best.rank or unit_unknown:
             equals.append(rival)
     if not equals:

@@ -279,6 +279,10 @@ _SUFFIX = re.compile(
 )
 
 
+_MISREAD = "\u00a1-\u00ac\u00ae\u00af\u00b4\u00b6\u00b8\u00bb\u00bf\ufffd"
+"""Signs that stand in a name only where the encoding of the file was not recognised."""
+
+
 @lru_cache(maxsize=4096)
 def _word_meanings(word: str) -> tuple[str, ...]:
     """Return the meanings of a word, those of its parts where it is composed; () if unknown."""
@@ -305,7 +309,7 @@ def _tokens(name: str) -> list[str]:
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
     text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
-    return re.findall(r"[^\W_]+", text)
+    return re.findall(rf"[^\W_]+|[{_MISREAD}]+", text)
 
 
 class _Parts(NamedTuple):

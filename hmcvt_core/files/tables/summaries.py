@@ -258,6 +258,10 @@ def _met(known: Array, value: float, digit: float, gaps: int) -> dict[str, float
     repeated = len(np.unique(known)) < _DISTINCT * len(known)
     met = {}
     for name, statistic in _statistics(known).items():
+        beyond = value < statistic if name == "least" else value > statistic
+        if gaps and name in _OF_ONE_READING and beyond:
+            met[name] = 1.0  # it may be of a reading that is missing
+            continue
         width = rounding + 2.0 * spread * gaps / (len(known) + gaps)
         if name not in _OF_ONE_READING:
             width += _WIDTH * spread
