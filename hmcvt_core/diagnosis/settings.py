@@ -267,12 +267,6 @@ GAP_SIGNIFICANCE = 0.02
 Source: chosen; chance alone shows as much in one campaign of fifty.
 """
 
-GAP_PRIOR_DOF = 8.0
-"""Most prior degrees of freedom of a stated noise in the test for a gap.
-
-Source: chosen on development campaigns; more takes noise that is stated too low for a gap.
-"""
-
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a region is significant by itself.
 

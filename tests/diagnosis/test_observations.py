@@ -91,17 +91,17 @@ def test_where_the_noise_comes_from():
         "assumed, 1.12 % (paper, eq. (3))",
     ]
     assert [item.assumed for item in (given, column, assumed)] == [False, False, True]
-    assert [item.prior_dof[0] for item in (given, column, assumed)] == [50.0, 50.0, 1.0]
+    assert [item.prior_dof[0] for item in (given, column, assumed)] == [8.0, 8.0, 1.0]
     few = np.arange(15)
     assert [
         observe(item.select(few), noise).prior_dof.tolist()
         for item, noise in ((stated, None), (samples, None))
-    ] == [[50.0, 1.0], [3.0, 1.0]]
+    ] == [[30.0, 1.0], [3.0, 1.0]]
     again = assumed.with_stated_noise(0.004)
     assert (again.stated_noise, again.assumed, again.prior_dof[0]) == (
         pytest.approx(0.004),
         False,
-        50.0,
+        8.0,
     )
 
 

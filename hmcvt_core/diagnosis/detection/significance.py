@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
-from ..settings import (
-    ABSORBED_PART,
-    GAP_PRIOR_DOF,
-    NULL_BATCH,
-    NULL_CAMPAIGNS,
-    SMALL_CAMPAIGN,
-)
+from ..settings import ABSORBED_PART, NULL_BATCH, NULL_CAMPAIGNS, SMALL_CAMPAIGN
 from ..system import Array
 from .regions import Regions
 
@@ -160,9 +154,6 @@ class _Looks:
         n = len(observed)
         self.fit = fit
         self.prior_dof = observed.prior_dof
-        if n >= SMALL_CAMPAIGN:
-            # A gap shows by its shape; noise that is stated wrongly is no gap.
-            self.prior_dof = np.minimum(self.prior_dof, GAP_PRIOR_DOF)
         self.noise_deviation = np.sqrt(fit.noise)
         # Discrepancy of each channel as it shows in that channel. Each channel is looked at by
         # itself, so none has to be right for another to show a gap.
