@@ -19,6 +19,7 @@ from .settings import (
     PRIOR_DOF_ASSUMED,
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
+    PRIOR_DOF_STATED_SMALL,
     RECORDED_DEGREE,
     REPLICATE_TOLERANCE,
     REPLICATES_NEEDED,
@@ -155,17 +156,6 @@ class Observations:
             assumed=False,
         )
 
-    @property
-    def states_noise(self) -> NDArray[np.bool_]:
-        """Whether the noise of each channel is more than assumed, shape (channels,)."""
-        return np.asarray(self.prior_dof > PRIOR_DOF_ASSUMED_SMALL)
-
-    @cached_property
-    def with_assumed_noise(self) -> Observations:
-        """The observations as if their noise were only assumed."""
-        dof = np.minimum(self.prior_dof, PRIOR_DOF_ASSUMED)
-        return replace(self, prior_dof=dof)
-
     def describe(self, i: int) -> str:
         """Return one sample by its number, from 1, and its operating point."""
         parts = []
@@ -201,9 +191,11 @@ def noise_statement(
     deviation, prior_dof, source = _stated_noise(
         channel, measured, given, column, axes, points
     )
-    if len(measured) < SMALL_CAMPAIGN and source is None:
-        # So few samples cannot correct an assumption, so it gets more weight.
-        prior_dof = max(prior_dof, PRIOR_DOF_ASSUMED_SMALL)
+    if len(measured) < SMALL_CAMPAIGN:
+        # So few samples cannot correct a statement, so it gets more weight.
+        assumed = source is None
+        least = PRIOR_DOF_ASSUMED_SMALL if assumed else PRIOR_DOF_STATED_SMALL
+        prior_dof = max(prior_dof, least)
     return deviation, prior_dof, source
 
 

@@ -120,27 +120,6 @@ def model_evidence(
     return ModelEvidence(log_evidence, mean, covariance, noise)
 
 
-def log_noise_prior_constant(count: int, prior_dof: Array) -> float:
-    """Return what `model_evidence` leaves out because it depends on the prior of the noise only.
-
-    Evidences under different priors of the noise compare with it [nats]: the integral over the
-    noise variances of prior and likelihood, less its value at their mode.
-
-    Args:
-        count: samples per channel.
-        prior_dof: as for `model_evidence`, shape (channels,).
-    """
-    from scipy.special import gammaln
-
-    half_prior = 0.5 * np.asarray(prior_dof)
-    half_posterior = half_prior + 0.5 * count
-    of_prior = half_prior * np.log(half_prior) - gammaln(half_prior)
-    of_posterior = half_posterior * (np.log(half_posterior) - 1.0) - gammaln(
-        half_posterior
-    )
-    return float(np.sum(of_prior - of_posterior))
-
-
 def fitted_model(
     observed: Observations,
     columns: Array,

@@ -21,7 +21,6 @@ from ..fitting.evidence import (
     fitted_model,
     linear_models,
     log_mean,
-    log_noise_prior_constant,
 )
 from ..fitting.refit import Fit, linearise, refit
 from ..observations import Observations
@@ -32,7 +31,6 @@ from ..settings import (
     MISSED_PART,
     NO_ANSWER,
     SIZE_SPREADS,
-    UNDERSTATED_NOISE,
 )
 from ..system import Array
 from .discrepancy import (
@@ -59,7 +57,6 @@ class Explanation:
         log_evidence: averaged over the prior scales, and over what is exact [nats].
         discrepancy: a discrepancy in addition to the effects, or None.
         exact: what is likeliest to be exact.
-        noise_understated: whether the noise may be larger than stated.
     """
 
     fit: Fit
@@ -68,7 +65,6 @@ class Explanation:
     log_evidence: float
     discrepancy: Discrepancy | None = None
     exact: Exact = Exact.NOTHING
-    noise_understated: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -111,18 +107,7 @@ class Explanation:
         extra_part, missed_part = self._parts_not_explained(base_only)
         without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
         by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
-        by_noise = 1.0
-        if self.noise_understated:
-            by_noise = np.interp(self.noise_ratio, UNDERSTATED_NOISE, EXPLAINED_BY_SET)
-        return float(without_extra * by_forms * by_noise)
-
-    @property
-    def noise_ratio(self) -> float:
-        """Largest ratio of the noise to the stated one among the channels that state it."""
-        stated = self.fit.observed.states_noise
-        if not stated.any():
-            return 1.0
-        return float(np.sqrt(self.model.noise[stated].max()))
+        return float(without_extra * by_forms)
 
     def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the parts of the squared change by an extra discrepancy, and that the set misses.
@@ -249,47 +234,6 @@ def explain_exactly(fit: Fit) -> Explanation:
     return explain(refit(fit.hypothesis, fit.observed, fit.theta))
 
 
-def with_understated_noise(explanation: Explanation) -> Explanation | None:
-    """Return an explanation whose noise may be larger than stated.
-
-    Args:
-        explanation: of the stated noise.
-
-    Returns:
-        None where no channel states its noise, or none leaves more than stated.
-    """
-    observed = explanation.fit.observed
-    if explanation.noise_ratio <= 1.0:
-        return None
-    assumed = observed.with_assumed_noise
-    models = []
-    for model in (explanation.model, explanation.plain_model):
-        prior = _with_prior(model)
-        fitted = fitted_model(
-            assumed, model.columns, model.target, prior.spread, prior.group
-        )
-        models.append(replace(fitted, signs=model.signs))
-    model, plain_model = models
-    of_sizes = explanation.log_evidence - explanation.model.log_evidence
-    of_noise_prior = log_noise_prior_constant(
-        len(observed), assumed.prior_dof
-    ) - log_noise_prior_constant(len(observed), observed.prior_dof)
-    return replace(
-        explanation,
-        model=model,
-        plain_model=plain_model,
-        log_evidence=model.log_evidence + of_sizes + of_noise_prior,
-        noise_understated=True,
-    )
-
-
-def _with_prior(model: LinearModel) -> Columns:
-    """Return the columns of a model with their prior before amplitudes were fitted."""
-    if model.prior_spread is None or model.group is None:
-        return Columns(model.columns, model.spread, np.full(len(model.spread), -1))
-    return Columns(model.columns, model.prior_spread, model.group)
-
-
 # --- discrepancies --------------------------------------------------------------------------
 
 
@@ -308,7 +252,13 @@ def with_smooth_discrepancy(
     further = Columns(discrepancy.columns(observed), spread, group)
     extended = []
     for model in (explanation.model, explanation.plain_model):
-        columns, prior_spread, groups = _with_prior(model).with_further(further)
+        ungrouped = np.full(len(model.spread), -1)
+        known = Columns(
+            model.columns,
+            model.spread if model.prior_spread is None else model.prior_spread,
+            ungrouped if model.group is None else model.group,
+        )
+        columns, prior_spread, groups = known.with_further(further)
         fitted = fitted_model(observed, columns, model.target, prior_spread, groups)
         no_signs = np.full(len(spread), np.nan)
         extended.append(replace(fitted, signs=np.append(model.signs, no_signs)))

@@ -27,7 +27,6 @@ from ..settings import (
     BOOTSTRAP_CAMPAIGNS,
     PRIOR_BASE_DISCREPANCY,
     PRIOR_NO_GAP,
-    PRIOR_NOISE_UNDERSTATED,
     PRIOR_OF_SET_SIZE,
     PRIOR_UNLISTED,
     RELEVANT_PROBABILITY,
@@ -42,7 +41,6 @@ from .explanation import (
     explain_by_base_discrepancy,
     explain_exactly,
     smooth_discrepancies,
-    with_understated_noise,
 )
 from .screen import screen
 from .search import Names, distinct, search
@@ -187,7 +185,6 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
         ),
         *_unlisted_causes(base_only, boxes),
     ]
-    competing += _with_understated_noise(competing)
     explanations = [explanation for explanation, _ in competing]
     log_weights = np.array([log_weight for _, log_weight in competing])
     probabilities = _bagged(explanations, log_weights, base.observed, seed)
@@ -231,24 +228,6 @@ def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Wei
                 family, log_prior_of_set + math.log(PRIOR_UNLISTED / 2.0)
             )
     return extended
-
-
-def _with_understated_noise(competing: Sequence[Weighted]) -> list[Weighted]:
-    """Return the leading explanations without an unlisted cause, at a noise larger than stated."""
-    log_prior = math.log(PRIOR_NOISE_UNDERSTATED)
-    weighted = []
-    without_extra = [
-        (explanation, log_weight)
-        for explanation, log_weight in competing
-        if explanation.discrepancy is None or explanation.is_base_discrepancy
-    ]
-    without_extra.sort(key=lambda entry: -entry[1])
-    for explanation, log_weight in without_extra[:SETS_WITH_DISCREPANCY]:
-        noisier = with_understated_noise(explanation)
-        if noisier is not None:
-            change = noisier.log_evidence - explanation.log_evidence
-            weighted.append((noisier, log_weight + change + log_prior))
-    return weighted
 
 
 def _unlisted_causes(base_only: Explanation, boxes: Regions) -> list[Weighted]:
