@@ -278,7 +278,10 @@ static solution solution_of(const setting *at, hmcvt_real output, hmcvt_real eng
 {
     solution solved;
     solved.efficiency = efficiency_of(load_torque, engine_torque);
-    solved.output_speed = at->quadrant->reflection * engine_speed * output;
+    /* A product with STANDING would round to a tiny speed, not to zero. */
+    solved.output_speed = (output == STANDING)
+                              ? R(0.0)
+                              : (at->quadrant->reflection * engine_speed * output);
     solved.engine_torque = engine_torque;
     return solved;
 }
@@ -465,11 +468,21 @@ static hmcvt_real row_root(const setting *at, int regime, hmcvt_real ratio, hmcv
     return output;
 }
 
-/* Whether an output at rest without load starts in the sense of the quadrant. */
+/*
+ * Whether an output at rest without load starts in the sense of the quadrant, by the torque on it,
+ * B / 2 as a polynomial of e. At rest the pressure has the sign of e, the pump turns forward and
+ * takes torque.
+ */
 static bool starts(const setting *at, hmcvt_real ratio)
 {
     const int regime = (ratio > R(0.0)) ? DRIVING : REVERSED;
-    return level_of(at, regime, ratio) > R(0.0);
+    const regime_constants constants = constants_of(at, regime);
+    const hmcvt_real rubbed = R(1.0) + at->stage->pump_friction;
+    const hmcvt_real brace = at->stiffness * at->quadrant->regimes[regime].brace * rubbed;
+    const hmcvt_real square = R(0.5) * brace * at->stage->engine_share;
+    const hmcvt_real torque =
+        constants.level + ((constants.flow + (square * ratio)) * ratio);
+    return torque > R(0.0);
 }
 
 /* Whether no speed follows from the flow: the row feeds back what the motor takes. */
