@@ -257,6 +257,7 @@ class Settings:
         "output_speed the causal strategy of hmcvt mission answers, so that stage and engine "
         "speed do not hunt; empty for the optimum without limits.",
         read_only=True,
+        is_path=True,
     )
     engine_speed_limits: tuple[float, float] = _parameter(
         [round(limit, 2) for limit in ENGINE_SPEED_LIMITS],

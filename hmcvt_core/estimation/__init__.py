@@ -2,10 +2,10 @@
 """The bus as a dynamometer: output torque, power and losses from what a machine's log states.
 
 `solving` inverts the model at every row, `intervals` says how well the result is known, `totals`
-adds it up, and `estimate` runs all three over a log in bounded memory.
+adds it up, and `log` runs all three over a log in bounded memory.
 """
 
-from .estimate import Estimate, estimate
+from .log import Estimate, estimate
 from .settings import EstimateSettings
 
 __all__ = ["Estimate", "EstimateSettings", "estimate"]

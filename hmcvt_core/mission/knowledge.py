@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ..files import plain
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import RPM
@@ -20,6 +22,9 @@ from .result import DIESEL_DENSITY, Planned
 
 SPEED_STEP = 40.0 * RPM
 """Distance of engine speeds [rad/s]: enough for differences of fuel, and quick with effects."""
+
+_SAME_LOSS = 1e-9
+"""Difference of two gear losses that is rounding [-]."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +126,9 @@ def in_transmission(
 ) -> EfficiencyModel:
     """Return a transmission with parameters and effects of a model of one of its stages.
 
-    The stages of a transmission share pump and motor. A model that is of several stages, or of a
-    stage that the transmission does not have, is returned as it is.
+    The stages of a transmission share pump and motor, and their gear pairs are made alike: a
+    further gear loss that a diagnosis fitted holds in all of them. A model that is of several
+    stages, or of a stage that the transmission does not have, is returned as it is.
 
     Args:
         model: of a bench.
@@ -130,19 +136,41 @@ def in_transmission(
     """
     if len(model.stages) > 1:
         return model
-    stages = [_gear_train(part.stage) for part in transmission.stages.values()]
-    if _gear_train(model.stage) not in stages:
-        return model
-    return replace(
-        transmission,
-        parameters=model.parameters,
-        effects=model.effects,
-        standard_errors={},
-        correlation=None,
-        domain=None,
-    )
+    for part in transmission.stages.values():
+        loss = _further_gear_loss(model.stage, part.stage)
+        if loss is None:
+            continue
+        return replace(
+            transmission,
+            stage=transmission.stage.with_gear_loss(loss),
+            other_stages=tuple(
+                stage.with_gear_loss(loss) for stage in transmission.other_stages
+            ),
+            parameters=model.parameters,
+            effects=model.effects,
+            standard_errors={},
+            correlation=None,
+            domain=None,
+        )
+    return model
 
 
-def _gear_train(stage: Stage) -> Stage:
-    """Return a stage without its open clutches, which a file of one stage does not state."""
-    return replace(stage, open_clutches=())
+def _further_gear_loss(stage: Stage, reference: Stage) -> float | None:
+    """Return the part of the power that every gear pair loses more than in a reference [-].
+
+    None where the stages differ in anything but that, and the open clutches, which a file of one
+    stage does not state.
+    """
+    if _without_losses(stage) != _without_losses(reference):
+        return None
+    losses = []
+    for pair, as_listed in zip(stage.gear_pairs, reference.gear_pairs, strict=True):
+        losses.append(1.0 - pair.efficiency / as_listed.efficiency)
+    loss = float(np.median(losses)) if losses else 0.0
+    if not np.allclose(losses, loss, rtol=0.0, atol=_SAME_LOSS):
+        return None
+    return loss
+
+
+def _without_losses(stage: Stage) -> Stage:
+    return replace(stage.with_gear_efficiency(1.0), open_clutches=())

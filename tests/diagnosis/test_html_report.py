@@ -513,7 +513,8 @@ def test_contours_of_a_map_are_round_and_differ_without_colour() -> None:
     (lines,) = [item for item in axes.collections if item.get_hatch() is None][1:2]
     assert lines.levels.tolist() == (-lines.levels[::-1]).tolist()
     step = lines.levels[1] - lines.levels[0]
-    assert step in (0.2, 0.25, 0.5)
+    assert step / 10.0 ** np.floor(np.log10(step)) in (1.0, 2.0, 2.5, 5.0)
+    assert 5 <= len(lines.levels) <= 19
     dashed = [style[1] is not None for style in lines.get_linestyles()]
     assert dashed == (lines.levels < 0.0).tolist()
 
@@ -586,13 +587,12 @@ def test_page_and_report_of_several_stages() -> None:
         )
         assert drawn is not None
         assert drawn[0].count(" points</title>") == count
-        assert f"stage HM{number + 3}, at displacement" in drawn[0].replace(
-            "\N{NO-BREAK SPACE}", " "
-        )
+        letters = drawn[0].replace("\N{NO-BREAK SPACE}", " ")
+        assert f">stage HM{number + 3}, at displacement ratio" in letters
     lines = found.report().splitlines()
     assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
     assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)
-    assert "stages HM3, HM4</h1>" in shown and "estimated gap in HM4 [points]" in shown
+    assert "stages HM3, HM4</h1>" in shown
 
 
 def test_the_stage_of_the_next_test_is_named() -> None:

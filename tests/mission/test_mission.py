@@ -7,6 +7,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.mission import CYCLES, Drive, Limits, Planned, Vehicle, read_cycle
+from hmcvt_core.mission.knowledge import in_transmission
 from hmcvt_core.transmission.ranges import RPM
 from mission.drive_lines import COARSE, DRIVE, cycle, limits_hold
 
@@ -165,3 +166,26 @@ def test_a_strategy_with_another_model_drives_the_tractor_as_it_is(tmp_path):
     assert mission.fuel > known.mission("causal").fuel
     assert abs(mission.energy.imbalance) < 1e-9
     assert not mission.broken
+
+
+def test_a_diagnosed_stage_brings_its_gear_loss_to_the_whole_transmission():
+    bench = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    diagnosed = replace(bench, stage=bench.stage.with_gear_loss(-0.0005))
+    tractor = in_transmission(diagnosed, DRIVE.model)
+    assert list(tractor.stages) == list(DRIVE.model.stages)
+    point = {"displacement_ratio": 0.3, "engine_speed": 150.0, "load_torque": 200.0}
+    assert tractor.stages["HM4"].efficiency(**point) == pytest.approx(
+        diagnosed.efficiency(**point), rel=1e-12
+    )
+    for name, model in tractor.stages.items():
+        listed = DRIVE.model.stages[name].stage.gear_pairs
+        for pair, as_listed in zip(model.stage.gear_pairs, listed, strict=True):
+            assert pair.efficiency == pytest.approx(1.0005 * as_listed.efficiency)
+
+
+def test_a_stage_with_other_gear_losses_is_not_of_the_transmission():
+    stage = DRIVE.model.stages["HM4"].stage
+    worn = replace(stage.output.gear_pairs[0], efficiency=0.9)
+    output = replace(stage.output, gear_pairs=(worn, *stage.output.gear_pairs[1:]))
+    model = replace(DRIVE.model.stages["HM4"], stage=replace(stage, output=output))
+    assert in_transmission(model, DRIVE.model) is model
