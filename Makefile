@@ -13,6 +13,8 @@
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (two hours on two cores)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
+#   make export  exported C and FMU against Python, on every compiler of the machine; writes
+#                docs/export-check.md (a quarter to half an hour)
 #   make docs    the pages of docs/ as a web site, in site/
 #   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
 #                minutes; nothing else meanwhile, too)
@@ -34,7 +36,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types format oldest colcon soak bench blind reproduce mutants docs lock system clean
+.PHONY: demo test lint types format oldest colcon soak bench blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -89,6 +91,9 @@ edges: $(VENV)/.dev
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
+
+export: $(VENV)/.dev
+	$(BIN)/python -m studies.export --out docs/export-check.md
 
 # Goes on where it was interrupted (build/mutants holds the results).
 mutants: $(VENV)/.mutants
@@ -157,7 +162,7 @@ $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py constraints.txt
 
 $(VENV)/.dev: $(VENV)/.ros
 	@echo "Installing the tools for tests ..."
-	@$(LOCKED) --editable '.[ros,report,bag,table,compare,fleet,docs,test,dev]'
+	@$(LOCKED) --editable '.[ros,report,bag,table,export,compare,fleet,docs,test,dev]'
 	@touch $@
 
 $(VENV)/.mutants: $(VENV)/.dev

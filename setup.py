@@ -30,6 +30,7 @@ setup(
     package_data={
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
+        "hmcvt_core.export": ["templates/*"],
         "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
         "hmcvt_ros": [
@@ -59,7 +60,11 @@ setup(
             "node = hmcvt_ros.commands.node:command",
         ],
         "hmcvt.readers": [
-            f"{kind} = hmcvt_ros.bag:read_bag" for kind in ("folder", "mcap", "db3")
+            *(f"{kind} = hmcvt_ros.bag:read_bag" for kind in ("folder", "mcap", "db3")),
+            *(
+                f"{kind} = hmcvt_core.files.log_import:read_log"
+                for kind in ("mf4", "mdf", "tdms", "blf", "asc", "trc", "log")
+            ),
         ],
     },
 )

@@ -29,7 +29,11 @@ def _row(item: Declaration) -> str:
     name = f"`{item.name}`" + (f" [{item.unit}]" if item.unit else "")
     # An empty text has no other way to be seen.
     default = f"`{item.default}`" if item.default != "" else '`""`'
-    changes = "no" if item.read_only else "yes"
+    changes = "yes"
+    if item.read_only:
+        changes = "no"
+    elif item.protects:
+        changes = "limit"
     return f"| {name} | {default} | {item.allowed} | {changes} | {item.description} |"
 
 

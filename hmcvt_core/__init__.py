@@ -15,18 +15,20 @@ from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
 from .diagnosis.observations import Observations
 from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
+from .estimation import Estimate, EstimateSettings, estimate
+from .export import export_c, export_fmu, export_mat
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
 from .files.raw import read_raw_bench
 from .files.units import read_unit
 from .identification import Identification, Schedule, identify
+from .model.breakdown import Breakdown
 from .model.domain import Domain, EfficiencyMap, Prediction
 from .model.engine import Engine, load_engine
 from .model.model import EfficiencyModel
 from .model.optimum import DriveOptimum, Optimum
 from .model.parameter_file import load_model, load_stage, save_model
 from .monitoring import Opening, Watch, watch
-from .physics.balance import Breakdown
 from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
 from .report import write_html
@@ -49,6 +51,8 @@ __all__ = [
     "EfficiencyMap",
     "EfficiencyModel",
     "Engine",
+    "Estimate",
+    "EstimateSettings",
     "GearPair",
     "HmcvtError",
     "HydraulicParameters",
@@ -75,6 +79,10 @@ __all__ = [
     "diagnose",
     "diagnose_system",
     "diagnose_unit",
+    "estimate",
+    "export_c",
+    "export_fmu",
+    "export_mat",
     "identify",
     "load_effects",
     "load_engine",

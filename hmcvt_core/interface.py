@@ -11,7 +11,8 @@ line use `hmcvt_core.cli.common` in addition (docs/cli.md).
 | ranges of quantities | `Range`, `BENCH_COLUMNS`, `POINT_RANGES`, `DISPLACEMENT_RATIO`, ... |
 | files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
 | steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
-| a model in service | `refit`, `joined`, `HOLDS` |
+| a model in service | `refit`, `MAX_CHANGE`, `joined`, `HOLDS`, `PAPER_EFFICIENCY_UNCERTAINTY` |
+| control of the drive line | `Controller`, `Drive`, `Vehicle`, `load_vehicle` |
 | processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
 """
 
@@ -42,8 +43,11 @@ from .files.steady import (
 )
 from .files.tables.units import UNITS
 from .fleet import ONE_BLAS_THREAD
-from .identification.refit import refit
+from .identification.refit import MAX_CHANGE, refit
+from .mission import Drive, Vehicle, load_vehicle
+from .mission.controller import Controller
 from .model.optimum import HOLDS
+from .transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from .transmission.ranges import (
     BENCH_COLUMNS,
     DISPLACEMENT_RATIO,
@@ -65,17 +69,22 @@ __all__ = [
     "ENGINE_SPEED_LIMITS",
     "HOLDS",
     "LOAD_TORQUE",
+    "MAX_CHANGE",
     "OIL_TEMPERATURE",
     "ONE_BLAS_THREAD",
     "OUTPUT_SPEED",
+    "PAPER_EFFICIENCY_UNCERTAINTY",
     "POINT_RANGES",
     "SETTLED",
     "UNITS",
+    "Controller",
+    "Drive",
     "Range",
     "Readings",
     "Shafts",
     "Steadiness",
     "SteadyWindow",
+    "Vehicle",
     "block_statistics",
     "channels",
     "complaint",
@@ -83,6 +92,7 @@ __all__ = [
     "held",
     "joined",
     "limit",
+    "load_vehicle",
     "make_folder",
     "numbered",
     "plain",

@@ -14,6 +14,7 @@ from hmcvt_core import Opening
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings
+from .public_text import PublicText
 from .recorder import NOT_WRITTEN, Recorder
 
 LEVELS = {
@@ -56,14 +57,22 @@ class Job:
 
 
 class Staged(NamedTuple):
-    """A refit that waits for `~/adopt`: its file, and the file that it is to replace."""
+    """A refit that waits for `~/adopt`.
+
+    Attributes:
+        path: its file.
+        fingerprint: its fingerprint.
+        instead_of: file that it is to replace.
+        reason: why it waits.
+    """
 
     path: Path
     fingerprint: str
     instead_of: Path
+    reason: str = ""
 
     def __str__(self) -> str:
-        return f"{self.path} ({self.fingerprint})"
+        return f"{self.path} ({self.fingerprint}): {self.reason}"
 
 
 @dataclass
@@ -117,6 +126,7 @@ def gap_values(answer: Mapping[str, Any], model: str, when: str) -> dict[str, st
 
 def inputs_status(
     name: str,
+    public: PublicText,
     inputs: Inputs,
     now: int,
     settings: Settings,
@@ -127,6 +137,7 @@ def inputs_status(
 
     Args:
         name: name of the node.
+        public: what of a text may leave the machine.
         inputs: the three inputs.
         now: time by the clock of the ages [ns].
         settings: parameters of the node.
@@ -157,30 +168,33 @@ def inputs_status(
     if warnings:
         problems.extend(warnings)
         level = max(level, DiagnosticStatus.WARN)
-    return _status(
-        name, "inputs", level, "; ".join(problems) or text, {**values, **counts}
-    )
+    message = "; ".join(problems) or text
+    return _status(name, "inputs", level, message, {**values, **counts}, public)
 
 
 def model_status(
     name: str,
+    public: PublicText,
     served: InService,
     complaint: str,
     activity: Activity,
     log: Recorder,
     point: OperatingPoint | None,
     refusal: str,
+    limits: str,
 ) -> DiagnosticStatus:
     """Return the status of the model: which one, how good, and whether it covers the point.
 
     Args:
         name: name of the node.
+        public: what of a text may leave the machine.
         served: model in service.
         complaint: why it is not the last model put into service; empty when it is.
         activity: what the node has done and does.
         log: log of the bench samples.
         point: present operating point, None without one.
         refusal: why the model has no answer there; empty when it has.
+        limits: which limits that protect the node were changed; empty when none.
     """
     extrapolation = _extrapolation(served, point)
     state = "; ".join(filter(None, (complaint, log.complaint)))
@@ -214,20 +228,21 @@ def model_status(
         "bench samples logged": len(log.log),
         **log.tally.values("bench samples"),
         "bench samples lost": log.numbers.missing,
+        "limits changed": limits or "none",
         **_activity_values(activity),
     }
-    message = "; ".join(filter(None, complaints)) or f"serving {served.path}"
-    return _status(name, "model", level, message, values)
+    message = "; ".join(filter(None, complaints)) or f"serving {served.path.name}"
+    return _status(name, "model", level, message, values, public)
 
 
-def gap_status(name: str, opening: Opening) -> DiagnosticStatus:
+def gap_status(name: str, public: PublicText, opening: Opening) -> DiagnosticStatus:
     """Return the status of the gap between the bench samples that came and the model in service."""
     level = DiagnosticStatus.WARN if opening.open else DiagnosticStatus.OK
     values = {
         key.replace("_", " "): _in_words(value)
         for key, value in opening.to_dict().items()
     }
-    return _status(name, "gap", level, str(opening), values)
+    return _status(name, "gap", level, str(opening), values, public)
 
 
 def _extrapolation(served: InService, point: OperatingPoint | None) -> str:
@@ -270,12 +285,19 @@ def _refit_warnings(served: InService) -> str:
 
 
 def _status(
-    node: str, part: str, level: bytes, message: str, values: Mapping[str, Any]
+    node: str,
+    part: str,
+    level: bytes,
+    message: str,
+    values: Mapping[str, Any],
+    public: PublicText,
 ) -> DiagnosticStatus:
     return DiagnosticStatus(
         name=f"{node}: {part}",
         hardware_id=node,
         level=level,
-        message=message,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        message=public(message),
+        values=[
+            KeyValue(key=key, value=public(str(value))) for key, value in values.items()
+        ],
     )

@@ -7,14 +7,18 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import hmcvt_core as hmcvt
-from hmcvt_core.interface import plain, refit, write_atomically
+from hmcvt_core.interface import (
+    PAPER_EFFICIENCY_UNCERTAINTY,
+    plain,
+    refit,
+    write_atomically,
+)
 
 from .model_store import Promised, proven, servable
-from .state_folder import next_name
-
-CANDIDATES_KEPT = 20
-REPORTS_KEPT = 10
+from .state_folder import MODELS, PAGE_DATA, PAGES, next_name
 
 
 def with_proven(
@@ -44,9 +48,12 @@ def reidentify(
     base: Path,
     seed: int,
     max_drift: float,
+    max_change: float,
+    accepted: Path,
     output: Path,
     candidates: Path,
     min_samples: int,
+    noise: float,
 ) -> dict[str, Any]:
     """Refit a model to samples.
 
@@ -55,22 +62,27 @@ def reidentify(
         model: parameter file of the model in service.
         base: parameter file of the model that the refits began with.
         seed: seed of the random numbers.
-        max_drift: largest difference to `base` within the domain [-].
+        max_drift: largest mean difference to `base` within the domain [-].
+        max_change: largest change within the domain that needs no person [-].
+        accepted: parameter file of the last model that a person decided on.
         output: file for the refit.
         candidates: folder for the refit instead, when it must not serve.
         min_samples: fewest samples that are accepted.
+        noise: standard deviation of the efficiency of samples that state none [-]; 0 for the
+            paper's.
 
     Returns:
         Sample count, error (mean |predicted - measured| / measured) before and after, parameters
         with standard errors, which samples are set aside, what is kept from the model in service,
         what the samples leave open, by how much answers change, and the comparison on samples held
-        back; `model` (the fingerprint) and `file` of the refit, or `refused` and `candidate` when
-        something speaks against it.
+        back; `model` (the fingerprint), `file` and `doubt` of the refit (why a person has to decide
+        on it, None where none has to), or `refused` and `candidate` when something speaks against
+        it.
 
     Raises:
         HmcvtError: the samples are too few, or determine nothing.
     """
-    bench = hmcvt.read_bench(samples)
+    bench = bench_of(samples, noise)
     if len(bench) < min_samples:
         raise hmcvt.InputError(
             f"{bench.source}: {len(bench)} samples; reidentify_min_samples "
@@ -82,6 +94,8 @@ def reidentify(
         hmcvt.load_model(base),
         seed=seed,
         max_drift=max_drift,
+        accepted=hmcvt.load_model(accepted),
+        max_change=max_change,
     )
     # Drift and warnings go into the file: they hold as long as the model serves.
     provenance = {
@@ -107,13 +121,73 @@ def reidentify(
         "held_back": held_back,
     }
     if result.refused:
-        path = next_name(candidates, CANDIDATES_KEPT).with_suffix(".yaml")
-        hmcvt.save_model(fitted, path)
-        refusal = f"{result.refused}; it is kept as {path}"
-        return {**answer, "candidate": str(path), "refused": refusal}
+        return {**answer, **_candidate(fitted, candidates, result.refused)}
     hmcvt.save_model(fitted, output)
-    # The fingerprint of the model as a restart would read it, to the last digit.
-    return {**answer, "model": servable(output).fingerprint, "file": str(output)}
+    return {
+        **answer,
+        # The fingerprint of the model as a restart would read it, to the last digit.
+        "model": servable(output).fingerprint,
+        "file": str(output),
+        "doubt": result.doubt or None,
+    }
+
+
+def _candidate(
+    fitted: hmcvt.EfficiencyModel, folder: Path, refused: str
+) -> dict[str, Any]:
+    """Keep a refit that must not serve; return the reason and where it is kept."""
+    try:
+        path = next_name(folder, MODELS).with_suffix(".yaml")
+        hmcvt.save_model(fitted, path)
+    except OSError as error:
+        return {"candidate": None, "refused": f"{refused}; it is not kept: {error}"}
+    equal = _equal_before(path)
+    if equal is not None:
+        path.unlink()
+        path = equal
+    return {"candidate": str(path), "refused": f"{refused}; it is kept as {path}"}
+
+
+def _equal_before(path: Path) -> Path | None:
+    """Return the file numbered before another if it holds an equal model."""
+    before = path.with_name(f"{int(path.stem) - 1:04d}.yaml")
+    try:
+        same = servable(before).fingerprint == servable(path).fingerprint
+    except hmcvt.HmcvtError:
+        return None
+    return before if same else None
+
+
+def bench_of(path: Path, noise: float = 0.0) -> hmcvt.BenchSamples:
+    """Read bench samples; those of the log may state their standard deviation.
+
+    Args:
+        path: bench file.
+        noise: standard deviation of the efficiency of the samples that state none, where others
+            do [-]; 0 for the paper's.
+
+    Raises:
+        InputError: the file is wrong, or a stated standard deviation is.
+    """
+    bench = hmcvt.read_bench(path)
+    cells = bench.extra.get("stated_std", ())
+    if bench.efficiency_std is not None or not any(cells):
+        return bench
+    default = PAPER_EFFICIENCY_UNCERTAINTY * bench.efficiency
+    if noise:
+        default = np.full(len(bench), noise)
+    values = default.tolist()
+    for i, cell in enumerate(cells):
+        if cell:
+            values[i] = _number(cell, bench.label(i))
+    return replace(bench, efficiency_std=np.array(values))
+
+
+def _number(cell: str, label: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise hmcvt.InputError(f"{label}: stated_std = {cell!r} is no number") from None
 
 
 def diagnose(
@@ -134,13 +208,13 @@ def diagnose(
     """
     diagnosis = hmcvt.diagnose(
         hmcvt.load_model(model),
-        hmcvt.read_bench(samples),
+        bench_of(samples, noise),
         noise=noise or None,
         seed=seed,
     )
     answer = diagnosis.to_dict()
     try:
-        path = next_name(reports, REPORTS_KEPT).with_suffix(".html")
+        path = next_name(reports, PAGES, PAGE_DATA).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         hmcvt.write_html(diagnosis, path)
     except (OSError, hmcvt.InputError) as error:

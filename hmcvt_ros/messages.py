@@ -5,12 +5,14 @@ Every number goes through `float`: the generated message classes send a NumPy sc
 garbage without an error.
 """
 
+import math
 from array import array
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
@@ -22,7 +24,7 @@ from hmcvt_core import (
     HmcvtError,
     InputError,
 )
-from hmcvt_core.interface import DISPLACEMENT_RATIO, Shafts
+from hmcvt_core.interface import DISPLACEMENT_RATIO, EFFICIENCY_STD, Shafts
 
 from .inputs import (
     INPUT_RANGES,
@@ -37,6 +39,9 @@ from .shafts import read_shafts
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
 """Largest size of a bench sample or operating point [bytes]; three joints take 200."""
+
+STATED_STD = "efficiency_std"
+"""Joint whose `position` states the standard deviation of the efficiency of a bench sample [-]."""
 
 _SOURCE = "bench_sample"
 _COLUMNS_FROM_SHAFTS = (
@@ -107,7 +112,28 @@ def bench_sample_from_message(
     columns: dict[str, Any] = {
         name: np.array(getattr(shafts, name)) for name in _COLUMNS_FROM_SHAFTS
     }
-    return BenchSamples(**columns, stamp=np.array(stamp), source=_SOURCE)
+    return BenchSamples(
+        **columns,
+        efficiency_std=_stated_std(message),
+        stamp=np.array(stamp),
+        source=_SOURCE,
+    )
+
+
+def _stated_std(message: JointState) -> NDArray[np.float64] | None:
+    """Return the standard deviation that a message states of its efficiency; None without one.
+
+    Raises:
+        InputError: it is out of range, or lies in no `position`.
+    """
+    names = list(message.name)
+    if STATED_STD not in names:
+        return None
+    value = float(message.position[names.index(STATED_STD)])
+    if math.isnan(value):
+        return None
+    EFFICIENCY_STD.check(value, _SOURCE)
+    return np.array(value)
 
 
 def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:

@@ -9,8 +9,10 @@ the one after in service. It has a checksum and names the fingerprints of the mo
 is not what was put into service is not served, and the one before it is.
 """
 
+import contextlib
 import hashlib
 import json
+import time
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -19,20 +21,40 @@ from typing import Any, NamedTuple
 from hmcvt_core import EfficiencyModel, HmcvtError, InputError, load_model
 from hmcvt_core.interface import write_atomically
 
-from .state_folder import next_name
+from .state_folder import (
+    KEPT_FILES,
+    KEPT_FOR,
+    MODELS,
+    next_name,
+    require_no_link,
+)
 
-WAYS_BACK = 20
-"""Refits that can be reverted one after the other."""
-KEPT = 50
-"""Refits kept in addition to those."""
+MOST_VERSIONS = KEPT_FILES // 2
+"""Models that can be reverted one after the other."""
 
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""
-_Stack = list[tuple[str, str]]
-"""Names of parameter files and their fingerprints; '' where unknown. The last is in service."""
 
 _KEYS_BEFORE_CHECKSUMS = {"base", "base_fingerprint", "in_service"}
 """Keys of a state that version 0.1 wrote."""
+
+
+class _Version(NamedTuple):
+    """A model that was put into service.
+
+    Attributes:
+        name: name of its parameter file.
+        fingerprint: its fingerprint; '' where unknown.
+        accepted: whether a person decided on it.
+    """
+
+    name: str
+    fingerprint: str
+    accepted: bool = False
+
+
+_Stack = list[_Version]
+"""Models put into service one after the other; the last is in service."""
 
 
 class InService(NamedTuple):
@@ -89,23 +111,30 @@ class ModelStore:
         """Return a free name for a refitted model; remove old refits that cannot be reverted to.
 
         Raises:
-            OSError: the folder cannot be created.
+            OSError: the folder is a link, cannot be created, or is full.
         """
-        names = [name for name, _ in self._stack]
-        return next_name(self._models, KEPT, spared=names).with_suffix(".yaml")
+        names = [version.name for version in self._stack]
+        return next_name(self._models, MODELS, spared=names).with_suffix(".yaml")
 
     def adopt(
-        self, path: Path, fingerprint: str = "", instead_of: Path | None = None
+        self,
+        path: Path,
+        fingerprint: str = "",
+        instead_of: Path | None = None,
+        accepted: bool = False,
     ) -> EfficiencyModel:
         """Put a model written under `new_path` into service.
+
+        A model equal to the one in service is no new version: its file is removed.
 
         Args:
             path: parameter file of the model.
             fingerprint: fingerprint that it must have; any when left out.
             instead_of: parameter file that must be in service; any when left out.
+            accepted: whether a person decided on it.
 
         Raises:
-            HmcvtError: another is in service.
+            HmcvtError: another is in service, or too many were put into service lately.
             InputError: the file is damaged or not to be served; the model before stays.
             OSError: the state cannot be written; the model before stays.
         """
@@ -115,7 +144,14 @@ class ModelStore:
                 "compared with the one before; call ~/reidentify again"
             )
         model = _with_fingerprint(path, fingerprint)
-        stack = [*self._stack, (path.name, model.fingerprint)]
+        if self._is_in_service(model):
+            if path != self.in_service.path:
+                path.unlink()
+            return self.in_service.model
+        # The first refit of an example identifies the unit: nothing was known of it before.
+        first_of_example = not self._stack and not self._base_model.standard_errors
+        version = _Version(path.name, model.fingerprint, accepted or first_of_example)
+        stack = [*self._with_room(), version]
         return self._commit(_Selection(stack, model))
 
     def revert(self) -> EfficiencyModel:
@@ -149,8 +185,41 @@ class ModelStore:
             return self.base
         return self._path(self._stack[:1])
 
+    @property
+    def accepted(self) -> Path:
+        """File of the last model that a person decided on: the base where there is none."""
+        for version in reversed(self._stack):
+            if version.accepted:
+                return self._models / version.name
+        return self.base
+
+    def _is_in_service(self, model: EfficiencyModel) -> bool:
+        """Whether a model answers as the one in service does, over the same domain."""
+        served = self.in_service.model
+        return model.fingerprint == served.fingerprint and model.domain == served.domain
+
+    def _with_room(self) -> _Stack:
+        """Return the models put into service, with room for one more.
+
+        Raises:
+            HmcvtError: there are too many of the last days.
+        """
+        stack = list(self._stack)
+        if len(stack) < MOST_VERSIONS:
+            return stack
+        # The first one is the reference of the drift.
+        oldest = self._models / stack[1].name
+        with contextlib.suppress(OSError):
+            if time.time() - oldest.stat().st_mtime < KEPT_FOR:
+                raise HmcvtError(
+                    f"{len(stack)} models were put into service within "
+                    f"{KEPT_FOR / 86_400.0:.0f} days; call ~/revert before another one"
+                )
+        del stack[1]
+        return stack
+
     def _path(self, stack: _Stack) -> Path:
-        return self._models / stack[-1][0] if stack else self.base
+        return self._models / stack[-1].name if stack else self.base
 
     def _serving(self, selection: _Selection) -> InService:
         return InService(selection.model, self._path(selection.stack), utc_now())
@@ -159,14 +228,14 @@ class ModelStore:
         """Return the last model that is as it was put into service; the base when none is."""
         problems: list[str] = []
         while stack:
-            *before, (name, fingerprint) = stack
+            *before, last = stack
             try:
-                model = _with_fingerprint(self._models / name, fingerprint)
+                model = _with_fingerprint(self._models / last.name, last.fingerprint)
             except HmcvtError as error:
                 problems.append(str(error))
                 stack = before
                 continue
-            stack = [*before, (name, model.fingerprint)]
+            stack = [*before, last._replace(fingerprint=model.fingerprint)]
             return _Selection(stack, model, self._fallback(problems, stack))
         return _Selection([], self._base_model, self._fallback(problems, []))
 
@@ -177,14 +246,17 @@ class ModelStore:
 
     def _commit(self, selection: _Selection) -> EfficiencyModel:
         """Write the state, and serve a model."""
-        stack = selection.stack[-WAYS_BACK:]
+        stack = selection.stack
         state = {
             "base": str(self.base),
             "base_fingerprint": self._base_model.fingerprint,
-            "in_service": [name for name, _ in stack],
-            "fingerprints": [fingerprint for _, fingerprint in stack],
+            "in_service": [version.name for version in stack],
+            "fingerprints": [version.fingerprint for version in stack],
+            "accepted": [version.accepted for version in stack],
         }
         sealed = {**state, "checksum": _checksum(state)}
+        require_no_link(self._state.parent)
+        require_no_link(self._state)
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack = stack
         self.complaint = selection.complaint
@@ -254,15 +326,20 @@ def utc_now() -> str:
 def _stack_of(state: dict[str, Any]) -> _Stack:
     """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
     names = state["in_service"]
+    accepted = [False] * len(names)
     if set(state) == _KEYS_BEFORE_CHECKSUMS:
         fingerprints = [""] * len(names)
     elif state.pop("checksum") == _checksum(state):
         fingerprints = state["fingerprints"]
+        # Version 0.2 did not write who decided.
+        accepted = state.get("accepted", accepted)
     else:
         raise ValueError("checksum does not match")
     if any(Path(name).name != name for name in names):
         raise ValueError("names are no file names")
-    return list(zip(names, fingerprints, strict=True))
+    return [
+        _Version(*values) for values in zip(names, fingerprints, accepted, strict=True)
+    ]
 
 
 def _checksum(state: dict[str, Any]) -> str:

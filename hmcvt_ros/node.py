@@ -28,7 +28,6 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from hmcvt_core import (
     BenchSamples,
-    EfficiencyMap,
     EfficiencyModel,
     HmcvtError,
     InputError,
@@ -37,14 +36,14 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.interface import LOAD_TORQUE, joined
+from hmcvt_core.interface import LOAD_TORQUE, joined, load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
 from .clocks import AgeClock, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
-from .guard import Guard
+from .guard import Guard, Log
 from .inputs import (
     INPUT_RANGES,
     NANOSECONDS,
@@ -54,8 +53,10 @@ from .inputs import (
     Tally,
     coasting,
 )
+from .maps import Maps
 from .model_store import ModelStore
 from .outputs import Outputs, Served
+from .public_text import PublicText
 from .recorder import INVALID, MOST_WAITING, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
@@ -100,8 +101,11 @@ class EfficiencyNode(Node):
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
     `stage`, `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
     `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`, `~/model`, `~/efficiency_map`,
-    `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
+    `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
+
+    It runs in any single-threaded executor, together with other nodes. Call `close` before
+    `destroy_node`.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -112,14 +116,23 @@ class EfficiencyNode(Node):
             state folder.
     """
 
-    def __init__(self) -> None:
-        super().__init__("hmcvt")
+    def __init__(self, **options: Any) -> None:
+        """Create the node.
+
+        Args:
+            options: keyword arguments of `rclpy.node.Node`, such as `context`, `namespace` and
+                `parameter_overrides`.
+        """
+        super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._inputs = Inputs()
         self._ages = self._clock_of_ages()
-        self.guard = Guard(self)
         self._settings = parameters.declare(self)
-        self._follow_parameters()
+        self._first_settings = self._settings
         folder = self._state_path()
+        self._public = PublicText(folder)
+        self._lines = Log(self, self._public)
+        self.guard = Guard(self, self._lines)
+        self._follow_parameters()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
         self._state = StateFolder(folder)
@@ -129,11 +142,13 @@ class EfficiencyNode(Node):
         self._log = self._recorder(folder)
         self._last_output = -math.inf
         self._output_due = False
-        self._map_due = False
         self._served = self._store.in_service
         self._engine = None
         if self._settings.engine_file:
             self._engine = load_engine(self._settings.engine_file)
+        self._vehicle = None
+        if self._settings.vehicle_file:
+            self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
         self._points = Tally(POINT_REASONS)
         self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
@@ -151,7 +166,8 @@ class EfficiencyNode(Node):
             self._activity,
             lambda: self._settings,
             self._announce,
-            self.guard.warn,
+            self._lines,
+            self._public,
         )
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
@@ -159,12 +175,13 @@ class EfficiencyNode(Node):
             self.guard.callback(self._tick),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
-        self._announce(self._settings)
+        self._announce()
         self._report_start()
 
     def close(self) -> bool:
         """End the thread and the process of the node; False when the thread waits for the disk."""
         self._service_handlers.close()
+        self._maps.close()
         written = self._log.close()
         self._state.close()
         return written
@@ -196,9 +213,10 @@ class EfficiencyNode(Node):
 
     def _state_path(self) -> Path:
         if self._settings.state_folder:
-            return Path(self._settings.state_folder).absolute()
+            # A link given at the start is followed; one that takes its place later is not.
+            return Path(self._settings.state_folder).resolve()
         home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        return (home / self.get_fully_qualified_name().strip("/")).absolute()
+        return (home / self.get_fully_qualified_name().strip("/")).resolve()
 
     def _recorder(self, folder: Path) -> Recorder:
         log = BenchLog(
@@ -230,8 +248,8 @@ class EfficiencyNode(Node):
 
         self._outputs = Outputs(publisher)
         self._model_publisher = publisher(String, "~/model", qos.LATCHED)
-        self._map_publisher = publisher(
-            Float64MultiArray, "~/efficiency_map", qos.LATCHED
+        self._maps = Maps(
+            publisher(Float64MultiArray, "~/efficiency_map", qos.LATCHED).publish
         )
         self._diagnostics_publisher = publisher(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS
@@ -272,25 +290,24 @@ class EfficiencyNode(Node):
         )
 
     def _report_start(self) -> None:
-        logger = self.get_logger()
         # ROS ignores misspelt names without a warning.
         for name in sorted(self._parameter_overrides):
             if not self.has_parameter(name):
-                logger.warning(f"parameter {name} is unknown and has no effect")
+                self._lines.warning(f"parameter {name} is unknown and has no effect")
         for complaint in (
             self._state.complaint,
             self._store.complaint,
             self._log.complaint,
         ):
             if complaint:
-                logger.warning(complaint)
+                self._lines.warning(complaint)
         path = self._store.in_service.path
         if not self._settings.model_file and path == self._store.base:
-            logger.warning(
+            self._lines.warning(
                 "parameter model_file is empty: the model that comes with hmcvt is "
                 "served, an example identified from five tests of one transmission"
             )
-        logger.info(
+        self._lines.info(
             f"serving {path}, {len(self._log.log)} bench samples in {self._log.log.path}"
         )
 
@@ -298,15 +315,18 @@ class EfficiencyNode(Node):
 
     def _take_settings(self, changes: Sequence[Parameter]) -> None:
         before = self._settings
-        self._settings = parameters.current(self)
+        self._settings = parameters.after(before, self)
         if self._settings.engine_speed_limits != before.engine_speed_limits:
-            self._map_due = True  # not at once: one request may change them many times
+            self._want_map()
+        limits = parameters.changed_limits(before, self._settings)
+        if limits:
+            self._lines.warn("limits", f"limits changed: {limits}")
 
     # --- stages -------------------------------------------------------------------------------
 
     def _on_stage(self, message: String) -> None:
         self._stage = message.data[:STAGE_LIMIT]
-        self._map_due = True
+        self._want_map()
         if self._engaged() is None:
             self.guard.warn("stage", self._without_stage())
         self._publish_outputs(self._ages.now())
@@ -315,11 +335,11 @@ class EfficiencyNode(Node):
         """Return what answers; None where the model has several stages and none is engaged."""
         transmission = self._served.model
         if not transmission.other_stages:
-            return Served(transmission, transmission, self._engine)
+            return Served(transmission, transmission, self._engine, self._vehicle)
         model = transmission.stages.get(self._stage)
         if model is None:
             return None
-        return Served(model, transmission, self._engine)
+        return Served(model, transmission, self._engine, self._vehicle)
 
     def _without_stage(self) -> str:
         """Return why no stage is engaged."""
@@ -432,7 +452,8 @@ class EfficiencyNode(Node):
             self._log.refuse(INVALID, str(error))
             return
         self._log.submit(sample)
-        self._unwatched.append(sample)
+        # The watch has one noise for all samples.
+        self._unwatched.append(replace(sample, efficiency_std=None))
 
     def _stage_of_sample(self, frame: str) -> str:
         """Return the stage of a bench sample: of its `frame_id`, else the one engaged.
@@ -468,21 +489,14 @@ class EfficiencyNode(Node):
 
     # --- model --------------------------------------------------------------------------------
 
-    def _announce(
-        self, settings: parameters.Settings, grid: EfficiencyMap | None = None
-    ) -> None:
-        """Publish the model in service and its map, and answer with it from here on.
-
-        Args:
-            settings: parameters that the map was made with.
-            grid: map of the model; None to make it.
-        """
+    def _announce(self) -> None:
+        """Publish the model in service, and answer with it from here on."""
         in_service = self._store.in_service
         self._model_publisher.publish(
             messages.model_to_message(
                 in_service.model,
                 {
-                    "file": str(in_service.path),
+                    "file": self._public(str(in_service.path)),
                     "since": in_service.since,
                     "fingerprint": in_service.model.fingerprint,
                 },
@@ -491,19 +505,16 @@ class EfficiencyNode(Node):
         self._watch = Watch(in_service.model, self._settings.bench_noise or None)
         # Only after publication: a client that hears an answer has been sent its model.
         self._served = in_service
-        # The limits of the map may have changed meanwhile.
-        self._publish_map(grid if settings is self._settings else None)
+        self._want_map()
         self._publish_outputs(self._ages.now())
 
-    def _publish_map(self, grid: EfficiencyMap | None = None) -> None:
-        self._map_due = False
+    def _want_map(self) -> None:
+        """Ask for the map of the stage engaged, else of the first one."""
         served = self._engaged()
         model: EfficiencyModel = self._served.model
         if served is not None:
             model = served.model
-        if grid is None:
-            grid = model.efficiency_map(*self._settings.map_axes)
-        self._map_publisher.publish(messages.map_to_message(grid))
+        self._maps.want(model, self._settings)
 
     # --- time ---------------------------------------------------------------------------------
 
@@ -516,10 +527,9 @@ class EfficiencyNode(Node):
         )
         if self._output_due or unanswered:
             self._publish_outputs(now)
-        if self._map_due:
-            self._publish_map()
+        self._maps.poll()
         if warning := self._ages.warning():
-            self.get_logger().warning(warning)
+            self._lines.warning(warning)
         self.ticks += 1
         if self.ticks % DIAGNOSTICS_EVERY == 0:
             self._publish_diagnostics()
@@ -545,6 +555,7 @@ class EfficiencyNode(Node):
         array.status = [
             inputs_status(
                 name,
+                self._public,
                 self._inputs,
                 now,
                 self._settings,
@@ -553,14 +564,16 @@ class EfficiencyNode(Node):
             ),
             model_status(
                 name,
+                self._public,
                 self._served,
                 self._store.complaint,
                 self._activity,
                 self._log,
                 self._point(now),
                 self._outputs.refusal,
+                parameters.changed_limits(self._first_settings, self._settings),
             ),
-            gap_status(name, self._watch.found),
+            gap_status(name, self._public, self._watch.found),
         ]
         self._diagnostics_publisher.publish(array)
         self._inputs.apart_reason = ""

@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from hmcvt_core import EfficiencyModel, Engine
+from hmcvt_core.interface import Controller, Drive, Vehicle
 
 from . import qos
 from .inputs import OperatingPoint
@@ -30,11 +31,19 @@ UNKNOWN_STAGE = "unknown"
 
 
 class Served(NamedTuple):
-    """What answers: the model of the stage engaged, the model of all stages, and the engine."""
+    """What answers.
+
+    Attributes:
+        model: of the stage engaged.
+        transmission: of all stages.
+        engine: before it, or None.
+        vehicle: around it, with the limits of the machine; None for none.
+    """
 
     model: EfficiencyModel
     transmission: EfficiencyModel
     engine: Engine | None
+    vehicle: Vehicle | None = None
 
 
 class _Question(NamedTuple):
@@ -194,6 +203,9 @@ def _best(question: _Question) -> _Best:
     model = served.model
     ratio = question.displacement_ratio
     free = served.engine is not None or bool(served.transmission.other_stages)
+    if ratio is not None and served.engine is not None and served.vehicle is not None:
+        drive_line = Drive(served.transmission, served.engine, served.vehicle)
+        return _commanded(Controller(drive_line), question, ratio)
     if ratio is not None and free:
         drive = served.transmission.optimal_drive(
             model.output_speed(ratio, question.engine_speed, question.load_torque),
@@ -213,6 +225,25 @@ def _best(question: _Question) -> _Best:
     if not math.isfinite(best.displacement_ratio):
         return _Best(math.nan, math.nan, None)
     return _Best(best.displacement_ratio, best.engine_speed, model.stage.name)
+
+
+def _commanded(
+    controller: Controller, question: _Question, displacement_ratio: float
+) -> _Best:
+    """Return what the causal strategy asks for next, within the limits of the machine."""
+    model = question.served.model
+    command = controller.choose(
+        model.output_speed(
+            displacement_ratio, question.engine_speed, question.load_torque
+        ),
+        question.engine_speed * question.load_torque,
+        model.stage.name,
+        question.engine_speed,
+        displacement_ratio,
+    )
+    if command is None:
+        return _Best(math.nan, math.nan, None)
+    return _Best(command.displacement_ratio, command.engine_speed, command.stage)
 
 
 def _publish(output: _NumberOutput, value: float, settings: Settings) -> None:

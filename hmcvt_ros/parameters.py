@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from hmcvt_core.interface import (
     ENGINE_SPEED_LIMITS,
     HOLDS,
     LOAD_TORQUE,
+    MAX_CHANGE,
     Range,
 )
 
@@ -71,6 +73,9 @@ class Declaration:
         unit: unit of the value; empty where there is none.
         choices: allowed texts; empty when any text is.
         read_only: whether it can be given at the start only.
+        protects: whether it is a limit that protects the node: it can be set at run time only with
+            `limits_at_run_time`.
+        is_path: whether it names a file, whose folder other nodes need not know.
         name: name as in YAML; a dot stands for a level.
     """
 
@@ -80,6 +85,8 @@ class Declaration:
     unit: str = ""
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    protects: bool = False
+    is_path: bool = False
     name: str = ""
 
     @property
@@ -99,12 +106,10 @@ class Declaration:
         """Refuse a value.
 
         Raises:
-            InputError: it is no choice, out of range or too long.
+            InputError: it is no choice, out of range, too long or not printable.
         """
-        if isinstance(value, str) and len(value) > TEXT_LIMIT:
-            raise InputError(
-                f"{self.name} has {len(value)} characters; allowed are {TEXT_LIMIT}"
-            )
+        if isinstance(value, str):
+            self._check_text(value)
         if self.choices and value not in self.choices:
             raise InputError(
                 f"{self.name} = {value!r}; there is {', '.join(self.choices)}"
@@ -117,14 +122,26 @@ class Declaration:
         # The middleware checks single numbers too, but lets NaN through and skips arrays.
         Range(self.name, low, high, self.unit or "-").check(value)
 
-    def descriptor(self) -> ParameterDescriptor:
-        """Return what `ros2 param describe` shows."""
+    def _check_text(self, value: str) -> None:
+        if len(value) > TEXT_LIMIT:
+            raise InputError(
+                f"{self.name} has {len(value)} characters; allowed are {TEXT_LIMIT}"
+            )
+        if not value.isprintable():
+            raise InputError(f"{self.name} = {value!r} has control characters")
+
+    def descriptor(self, limits_at_run_time: bool = False) -> ParameterDescriptor:
+        """Return what `ros2 param describe` shows.
+
+        Args:
+            limits_at_run_time: whether limits that protect the node can be set at run time.
+        """
         text = self.description
         if self.unit:
             text = f"{text} [{self.unit}]"
         descriptor = ParameterDescriptor(
             description=text,
-            read_only=self.read_only,
+            read_only=self.read_only or (self.protects and not limits_at_run_time),
             additional_constraints=self.allowed,
         )
         if self.limits is not None and not isinstance(self.default, list):
@@ -150,6 +167,7 @@ def _input_timeout(limits: Range) -> Any:
         f"Age at which {limits.name} is stale; 0 for input_timeout.",
         (0.0, LONGEST_TIMEOUT),
         "s",
+        protects=True,
     )
 
 
@@ -167,24 +185,28 @@ class Settings:
         "params/hm4.yaml. A model refitted from it in an earlier run is taken up again from the "
         "state folder.",
         read_only=True,
+        is_path=True,
     )
     engine_file: str = _parameter(
         "",
         "Engine file (full-load curve and fuel map): fuel in advice, and with optimum_hold "
         "output_speed the least fuel; empty for none.",
         read_only=True,
+        is_path=True,
     )
     effects_file: str = _parameter(
         "",
         "Module or Python file with effects of your own, for model files that hold them and "
         "for ~/diagnose; empty for none. What it holds is run.",
         read_only=True,
+        is_path=True,
     )
     state_folder: str = _parameter(
         "",
         "Folder for the bench log, refitted models and reports; empty for $ROS_HOME (else "
         "~/.ros) / name of the node with its namespace.",
         read_only=True,
+        is_path=True,
     )
     samples_file: str = _parameter(
         "",
@@ -197,6 +219,7 @@ class Settings:
         "three are fresh.",
         (SHORTEST_TIMEOUT, LONGEST_TIMEOUT),
         "s",
+        protects=True,
     )
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
@@ -207,6 +230,7 @@ class Settings:
         "output: they do not belong together; 0 for no limit but their ages.",
         (0.0, LONGEST_TIMEOUT),
         "s",
+        protects=True,
     )
     invalid_output: str = _parameter(
         SILENCE,
@@ -226,6 +250,14 @@ class Settings:
         "What stays the same when the displacement ratio is optimised, in addition to the "
         "output power.",
         choices=HOLDS,
+    )
+    vehicle_file: str = _parameter(
+        "",
+        "Vehicle file with the limits of the machine: with an engine and optimum_hold "
+        "output_speed the causal strategy of hmcvt mission answers, so that stage and engine "
+        "speed do not hunt; empty for the optimum without limits.",
+        read_only=True,
+        is_path=True,
     )
     engine_speed_limits: tuple[float, float] = _parameter(
         [round(limit, 2) for limit in ENGINE_SPEED_LIMITS],
@@ -247,7 +279,10 @@ class Settings:
         read_only=True,
     )
     reidentify_min_samples: int = _parameter(
-        4, "Fewest samples that ~/reidentify accepts.", (1, 100_000)
+        4,
+        "Fewest samples that ~/reidentify accepts.",
+        (1, 100_000),
+        protects=True,
     )
     reidentify_seed: int = _parameter(
         0,
@@ -260,6 +295,15 @@ class Settings:
         "What ~/reidentify does with a good refit: adopt puts it into service, stage "
         "writes it and waits for ~/adopt.",
         choices=(ADOPT, STAGE),
+        protects=True,
+    )
+    reidentify_max_change: float = _parameter(
+        MAX_CHANGE,
+        "Largest change of the efficiency within the domain, against the model in service and "
+        "the last model put there by ~/adopt or model_file, that ~/reidentify adopts; a larger "
+        "one waits for ~/adopt. The first refit of a model that states no errors may be larger.",
+        (0.0, 1.0),
+        protects=True,
     )
     reidentify_max_drift: float = _parameter(
         0.1,
@@ -267,6 +311,7 @@ class Settings:
         "refit, if that states no errors), in efficiency within the domain, that ~/reidentify "
         "accepts.",
         (0.0, 1.0),
+        protects=True,
     )
     bench_noise: float = _parameter(
         0.0,
@@ -277,15 +322,29 @@ class Settings:
         read_only=True,
     )
     job_time_limit: float = _parameter(
-        300.0, "Time after which a refit or a diagnosis is ended.", (1.0, 86_400.0), "s"
+        300.0,
+        "Time after which a refit or a diagnosis is ended.",
+        (1.0, 86_400.0),
+        "s",
+        protects=True,
     )
     job_memory_limit: int = _parameter(
-        1024, "Memory that a refit or a diagnosis may take.", (512, 1_048_576), "MiB"
+        1024,
+        "Memory that a refit or a diagnosis may take.",
+        (512, 1_048_576),
+        "MiB",
+        protects=True,
     )
     bench_log_limit: int = _parameter(
         100_000,
         "Samples that the bench log holds before it refuses more.",
         (1, 10_000_000),
+        read_only=True,
+    )
+    limits_at_run_time: bool = _parameter(
+        False,
+        "Whether the limits that protect the node can be set at run time: ages, skew, and those "
+        "of refits and jobs.",
         read_only=True,
     )
 
@@ -349,18 +408,6 @@ class Settings:
             skew=_nanoseconds(skew),
         )
 
-    @cached_property
-    def map_axes(
-        self,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Displacement ratios [-], engine speeds [rad/s], load torques [N m] of the map."""
-        strokes, speeds, torques = self.map_points
-        return (
-            np.linspace(DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high, strokes),
-            np.linspace(*self.engine_speed_limits, speeds),
-            np.linspace(*self.map_load_torque_limits, torques),
-        )
-
 
 _LEVEL = ("input_timeouts_", "input_timeouts.")
 PARAMETERS: tuple[Declaration, ...] = tuple(
@@ -370,8 +417,30 @@ PARAMETERS: tuple[Declaration, ...] = tuple(
 """All parameters, in the order of the table."""
 
 
+_UNLOCK = "limits_at_run_time"
+
+
 def _field(name: str) -> str:
     return name.replace(".", "_")
+
+
+def map_axes(
+    points: tuple[int, int, int],
+    engine_speeds: tuple[float, float],
+    load_torques: tuple[float, float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the axes of the map: displacement ratios [-], engine speeds, load torques.
+
+    Args:
+        points: count of points along each axis.
+        engine_speeds: lowest and highest engine speed [rad/s].
+        load_torques: lowest and highest load torque [N m].
+    """
+    return (
+        np.linspace(DISPLACEMENT_RATIO.low, DISPLACEMENT_RATIO.high, points[0]),
+        np.linspace(*engine_speeds, points[1]),
+        np.linspace(*load_torques, points[2]),
+    )
 
 
 def _nanoseconds(seconds: float) -> int:
@@ -384,21 +453,50 @@ def declare(node: Node) -> Settings:
     Raises:
         InputError: a value given at start is of the wrong type or out of range.
     """
+    paths: dict[str, Any] = {}
+    unlocked = node._parameter_overrides.get(_UNLOCK)
+    limits_at_run_time = unlocked is not None and unlocked.value is True
     for declaration in PARAMETERS:
         name = declaration.name
         given = node._parameter_overrides.get(name, Parameter(name)).value
         if NAN in declaration.choices and _is_nan(given):
             # ROS reads nan on the command line and in a file as a number.
             node._parameter_overrides[name] = Parameter(name, value=NAN)
+        if declaration.is_path and isinstance(given, str) and given:
+            # Everyone on the network can read parameters.
+            paths[name] = given
+            node._parameter_overrides[name] = Parameter(name, value=Path(given).name)
         try:
-            node.declare_parameter(name, declaration.default, declaration.descriptor())
+            descriptor = declaration.descriptor(limits_at_run_time)
+            node.declare_parameter(name, declaration.default, descriptor)
         except InvalidParameterTypeException:
             raise InputError(_wrong_type(declaration, given)) from None
         except InvalidParameterValueException as error:
             raise InputError(
                 f"parameter {name} = {given!r}: allowed {declaration.allowed}"
             ) from error
-    return current(node)
+    return replace(current(node), **paths)
+
+
+def after(settings: Settings, node: Node) -> Settings:
+    """Return the settings that a node holds after changes to some; files stay."""
+    paths = {
+        declaration.name: getattr(settings, declaration.name)
+        for declaration in PARAMETERS
+        if declaration.is_path
+    }
+    return replace(current(node), **paths)
+
+
+def changed_limits(start: Settings, now: Settings) -> str:
+    """Return which limits that protect the node differ from those at the start, in words."""
+    changes = []
+    for declaration in PARAMETERS:
+        before = getattr(start, _field(declaration.name))
+        value = getattr(now, _field(declaration.name))
+        if declaration.protects and value != before:
+            changes.append(f"{declaration.name} {before} -> {value}")
+    return "; ".join(changes)
 
 
 def _is_nan(value: Any) -> bool:
@@ -448,6 +546,8 @@ def usage() -> str:
             facts.append(item.allowed)
         if item.read_only:
             facts.append("read at start only")
+        if item.protects:
+            facts.append("at run time only with limits_at_run_time")
         unit = f" [{item.unit}]" if item.unit else ""
         lines.append(f"  {item.name}{unit}, {'; '.join(facts)}")
         description = textwrap.fill(item.description, _HELP_WIDTH)

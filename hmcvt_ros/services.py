@@ -2,7 +2,6 @@
 """The services of the node: each answers with a JSON object in `message`."""
 
 import json
-import re
 import types
 from collections.abc import Awaitable, Callable, Generator, Iterator
 from concurrent.futures import CancelledError, Future
@@ -12,26 +11,59 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hmcvt_core import EfficiencyMap, EfficiencyModel, HmcvtError, InputError
+from hmcvt_core import EfficiencyModel, HmcvtError, InputError
 from hmcvt_core.interface import plain
 
-from . import jobs
+from . import jobs, qos
 from .diagnostics import Activity, Job, Staged, gap_values
+from .guard import Budget, Log
 from .model_store import ModelStore, utc_now
 from .parameters import ADOPT, Settings
+from .public_text import PublicText
 from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]
-MOST_WAITING = 50
-"""Requests that may wait for a disk together."""
+MOST_WAITING = 10
+"""Requests that may wait for a disk together; rclpy looks at each of them at every message."""
+REQUESTS_PER_SECOND = 50
+"""Requests beyond which more are refused at once."""
+PROGRESS_EVERY = 1.0
+"""Time between two messages about a running job [s]."""
 
 _CANCELLED = "ended by ~/cancel"
-_FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"']+)+/""")
-"""Folders in an absolute path."""
+
+
+class Progress:
+    """Publishes how far a job is on `~/progress`, as a JSON object."""
+
+    def __init__(self, node: Node, public: PublicText) -> None:
+        """Create the topic on a node."""
+        self._publisher = node.create_publisher(
+            String,
+            "~/progress",
+            **qos.overridable(qos.LATCHED),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+        self._public = public
+        self._next = 0.0  # seconds of the job at the next repetition
+
+    def report(self, job: Job, state: str, **details: str) -> None:
+        """Publish a new state of a job: started, running, done, refused, failed, ended early."""
+        self._next = job.seconds + PROGRESS_EVERY
+        data = {"job": job.name, "state": state, "seconds": round(job.seconds, 1)}
+        text = json.dumps({**data, **details})
+        self._publisher.publish(String(data=self._public(text)))
+
+    def repeat(self, job: Job) -> None:
+        """Publish that a job is still running, once a second."""
+        if job.seconds >= self._next:
+            self.report(job, "running")
 
 
 class _NotAdoptedError(HmcvtError):
@@ -56,8 +88,9 @@ class Services:
         log: Recorder,
         activity: Activity,
         settings: Callable[[], Settings],
-        announce: Callable[[Settings, EfficiencyMap], None],
-        warn: Callable[[str, str], None],
+        announce: Callable[[], None],
+        lines: Log,
+        public: PublicText,
     ) -> None:
         """Create the services.
 
@@ -67,8 +100,9 @@ class Services:
             log: log of the bench samples.
             activity: what the node does; kept up to date.
             settings: returns the parameters of the node.
-            announce: called after a change of model, with the settings of its map and the map.
-            warn: logs a warning about a subject.
+            announce: called after a change of model.
+            lines: log of the node.
+            public: what of a text may leave the machine.
         """
         self._node = node
         self._store = store
@@ -76,10 +110,13 @@ class Services:
         self._activity = activity
         self._settings = settings
         self._announce = announce
-        self._warn = warn
+        self._lines = lines
+        self._public = public
         self._folder = log.log.path.parent
         self._worker = Worker()
+        self._progress = Progress(node, public)
         self._unanswered = 0  # requests
+        self._requests = Budget(REQUESTS_PER_SECOND)
         # A group apart: a service that awaits a job would block the node's default group. It is
         # re-entrant, so that a second request can be refused while the first is served.
         group = ReentrantCallbackGroup()
@@ -103,6 +140,7 @@ class Services:
         job = self._activity.job
         if job is None or not job.working or job.ended:
             return
+        self._progress.repeat(job)
         reason = self._reason_to_end(job)
         if reason:
             self._end(job, reason)
@@ -126,15 +164,21 @@ class Services:
                 candidates=self._folder / "candidates",
                 min_samples=settings.reidentify_min_samples,
                 max_drift=settings.reidentify_max_drift,
+                max_change=settings.reidentify_max_change,
+                accepted=self._store.accepted,
+                noise=settings.bench_noise,
             )
             if "refused" in result:
                 raise _NotAdoptedError(result)
             refit = Staged(output, result["model"], before)
-            result["staged"] = settings.reidentify_mode != ADOPT
+            doubt = result["doubt"]
+            result["staged"] = settings.reidentify_mode != ADOPT or doubt is not None
             if result["staged"]:
-                self._activity.staged = refit
+                staged = await self._stage(refit, doubt or "reidentify_mode is stage")
+                result["file"] = str(staged.path)
             else:
-                await self._put_into_service(lambda: self._store.adopt(*refit))
+                served = await self._adopted(refit, accepted=False)
+                result["file"] = served["file"]
         return result
 
     async def adopt(self) -> Data:
@@ -144,7 +188,7 @@ class Services:
             raise HmcvtError(
                 "no refit is staged; ~/reidentify with reidentify_mode = stage does"
             )
-        return await self._put_into_service(lambda: self._store.adopt(*staged))
+        return await self._adopted(staged, accepted=True)
 
     async def diagnose(self) -> Data:
         """Diagnose the gap between model and bench samples."""
@@ -164,7 +208,7 @@ class Services:
 
     async def clear_samples(self) -> Data:
         """Begin a new bench log and keep the old one."""
-        # Under way, because a job must not end with samples that are gone.
+        # A job must not end with samples that are gone.
         with self._under_way("clear_samples"):
             count, kept = await self._on_disk(self._log.set_aside)
             self._activity.staged = None
@@ -191,13 +235,17 @@ class Services:
         ) -> Trigger.Response:
             self._unanswered += 1
             try:
+                if not self._requests.spend(1):
+                    raise HmcvtError(
+                        f"busy: more than {REQUESTS_PER_SECOND} requests a second"
+                    )
                 if self._unanswered > MOST_WAITING:
                     raise HmcvtError(
                         f"busy: {MOST_WAITING} requests wait already for the disk"
                     )
                 answer = await work()
                 end = self._summary(answer)
-                self._node.get_logger().info(f"{name}: {end}")
+                self._lines.note(name, f"{name}: {end}")
                 response.success = True
             except Exception as error:  # of any kind: it must not end the node
                 answer, end = self._failure(name, error)
@@ -205,8 +253,9 @@ class Services:
                 self._unanswered -= 1
             if name in self._activity.ends:
                 self._activity.ends[name] = f"{utc_now()}, {end}"
+            # Without folders: do not disclose where the files are.
             text = json.dumps(plain(answer), allow_nan=False)
-            response.message = self._without_folders(text)
+            response.message = self._public(text)
             return response
 
         return serve
@@ -222,7 +271,7 @@ class Services:
             answer.update(error.details)
             outcome = "not adopted"
         # A client that is refused may ask again at once, for ever: that must not fill a disk.
-        self._warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
+        self._lines.warn(f"{name} {text.startswith('busy')}", f"{name}: {text}")
         return answer, f"{outcome}: {text}"
 
     def _summary(self, answer: Data) -> str:
@@ -234,15 +283,11 @@ class Services:
         if "file" not in answer:
             return "done"
         basis = f"{answer['samples']} samples, " if "samples" in answer else ""
-        state = "waits for ~/adopt" if answer.get("staged") else "in service"
+        state = "in service"
+        if answer.get("staged"):
+            assert self._activity.staged is not None
+            state = f"waits for ~/adopt: {self._activity.staged.reason}"
         return f"{basis}{answer['file']} ({answer['model']}) {state}"
-
-    def _without_folders(self, text: str) -> str:
-        """Name files as within the state folder: do not disclose where that is."""
-        for folder in (self._folder.resolve(), self._folder):
-            escaped = json.dumps(f"{folder}/")[1:-1]
-            text = text.replace(escaped, "")
-        return _FOLDERS.sub("", text)
 
     # --- jobs ---------------------------------------------------------------------------------
 
@@ -250,11 +295,20 @@ class Services:
     def _under_way(self, name: str) -> Iterator[None]:
         if self._activity.job is not None:
             raise HmcvtError(f"busy: {self._activity.job}")
-        self._activity.job = Job(name)
+        job = Job(name)
+        self._activity.job = job
+        ended = "failed"
         try:
             yield
+            ended = "done"
+        except _NotAdoptedError:
+            ended = "refused"
+            raise
         finally:
             self._activity.job = None
+            if job.ended:
+                ended = "ended early"
+            self._progress.report(job, ended)
 
     def _reason_to_end(self, job: Job) -> str:
         """Return why the worker must not continue; empty when it may."""
@@ -291,7 +345,8 @@ class Services:
                 seed=settings.reidentify_seed,
                 **options,
             )
-            self._node.get_logger().info(f"{job.name}: started on {samples}")
+            self._lines.note(f"{job.name} started", f"{job.name}: started on {samples}")
+            self._progress.report(job, "started", samples=samples.name)
             result: Data = await _result_of(running)
         except (BrokenProcessPool, CancelledError):
             job.ended = job.ended or (
@@ -328,12 +383,30 @@ class Services:
             raise InputError(f"samples_file = {name!r} is no regular file")
         return path
 
+    async def _adopted(self, refit: Staged, accepted: bool) -> Data:
+        """Put a refit into service; `accepted` is whether a client decided on it."""
+        return await self._put_into_service(
+            lambda: self._store.adopt(
+                refit.path, refit.fingerprint, refit.instead_of, accepted
+            )
+        )
+
+    async def _stage(self, refit: Staged, reason: str) -> Staged:
+        """Let a refit wait for `~/adopt`, in place of the one before."""
+        before = self._activity.staged
+        if before is not None and before.fingerprint == refit.fingerprint:
+            # The same once more: the file before stays, which a client may know.
+            await self._on_disk(refit.path.unlink)
+            refit = refit._replace(path=before.path)
+        staged = refit._replace(reason=reason)
+        self._activity.staged = staged
+        return staged
+
     async def _put_into_service(self, change: Callable[[], EfficiencyModel]) -> Data:
         """Change the model in service and announce it; return its fingerprint and file."""
-        settings = self._settings()
-        grid = await self._on_disk(lambda: change().efficiency_map(*settings.map_axes))
+        await self._on_disk(change)
         self._activity.staged = None  # it was compared with the model before
-        self._announce(settings, grid)
+        self._announce()
         served = self._store.in_service
         return {"model": served.model.fingerprint, "file": str(served.path)}
 

@@ -1,14 +1,32 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The state folder of a node: what it keeps over restarts, locked for one node; numbered files."""
+"""The state folder of a node: what it keeps over restarts, locked for one node.
+
+Others may be able to write into the folder, or to exchange parts of it while the node runs. So the
+node follows no link in it, and it removes only files that it wrote itself, by name and content.
+"""
 
 import contextlib
+import errno
 import fcntl
 import os
+import re
+import time
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 
 from hmcvt_core import InputError
 from hmcvt_core.interface import make_folder, numbered, remove_leftovers
+
+KEPT_FOR = 30 * 86_400.0
+"""Age up to which nothing that was written is removed [s]; chosen by us."""
+KEPT_FILES = 1000
+KEPT_BYTES = 100 << 20
+"""Files of one kind beyond which the oldest are removed, or no more are written."""
+_BLOCK = 4096
+"""Space that a small file takes on a disk [bytes]."""
+_MARK_WITHIN = 65_536
+"""Bytes of a file in which its marks are looked for."""
 
 
 class StateFolder:
@@ -47,8 +65,10 @@ class StateFolder:
                 f"state_folder: {path} cannot be written: no logging, no refits"
             )
         elif not self.complaint:
-            for folder in (path, *filter(Path.is_dir, path.iterdir())):
-                remove_leftovers(folder)
+            remove_leftovers(path)
+            for folder in path.iterdir():
+                if folder.is_dir() and not folder.is_symlink():
+                    remove_leftovers(folder)
 
     def gone(self) -> str:
         """Return a complaint if the folder was removed or replaced; empty otherwise.
@@ -57,7 +77,7 @@ class StateFolder:
         """
         with contextlib.suppress(OSError):
             if self._handle is None or os.path.samestat(
-                os.fstat(self._handle), self.path.stat()
+                os.fstat(self._handle), self.path.lstat()
             ):
                 return ""
         return (
@@ -87,37 +107,104 @@ class StateFolder:
             )
 
 
-def next_name(folder: Path, kept: int, spared: Collection[str] = ()) -> Path:
-    """Return a path in `folder`, such as 0001, without a suffix, numbered above all others.
+@dataclass(frozen=True)
+class Series:
+    """Numbered files that the node writes into one folder.
 
-    Of the numbered files only the newest are kept, so that `kept` remain with this one.
+    Attributes:
+        pattern: expression that all of the name matches.
+        marks: texts that the content of each file holds near its beginning.
+    """
+
+    pattern: str
+    marks: tuple[bytes, ...]
+
+    def has(self, name: str) -> bool:
+        """Whether a name is one of the series."""
+        return re.fullmatch(self.pattern, name) is not None
+
+    def wrote(self, path: Path) -> bool:
+        """Whether the content of a file is what the node writes."""
+        with path.open("rb") as file:
+            head = file.read(_MARK_WITHIN)
+        return all(mark in head for mark in self.marks)
+
+
+MODELS = Series(r"\d{4,}\.yaml", (b"schema: hmcvt-model/", b"source: hmcvt refit,"))
+"""Refits, in `models` and `candidates`."""
+PAGES = Series(r"\d{4,}\.html", (b"<!DOCTYPE html>",))
+PAGE_DATA = Series(r"\d{4,}\.json", (b'"verdict":',))
+"""Pages of diagnoses and their data, in `reports`."""
+
+
+def require_no_link(path: Path) -> None:
+    """Refuse a link where a folder or file of the node should be.
 
     Raises:
-        OSError: the folder cannot be created or read.
+        OSError: it is a link.
     """
-    make_folder(folder)
-    keep_newest(folder, kept - 1, spared=spared)
-    return folder / f"{max(numbered(folder).values(), default=0) + 1:04d}"
+    if path.is_symlink():
+        raise OSError(
+            errno.ELOOP, "is a link, and the node follows none here", str(path)
+        )
 
 
-def keep_newest(
-    folder: Path, count: int, prefix: str = "", spared: Collection[str] = ()
-) -> None:
-    """Remove files named by a prefix and a number except those with the highest numbers.
+def next_name(
+    folder: Path, *series: Series, spared: Collection[str] = (), prefix: str = ""
+) -> Path:
+    """Return a path in `folder`, such as 0001, without a suffix, numbered above all others.
 
     Args:
-        folder: folder of the files.
-        count: numbers to keep.
-        prefix: beginning of the names; files with other names stay.
-        spared: names of files to keep in addition.
+        folder: folder of the files, which is made where needed.
+        series: files among which room is made, see `make_room`.
+        spared: names of files to keep in any case.
+        prefix: beginning of the name.
+
+    Raises:
+        OSError: the folder is a link, cannot be created or read, or is full of recent files.
     """
-    with contextlib.suppress(OSError):  # one file more does no harm
-        numbers = {
-            path: number
-            for path, number in numbered(folder, prefix).items()
-            if path.name not in spared
-        }
-        kept = sorted(set(numbers.values()))[-count:]
-        for path, number in numbers.items():
-            if number not in kept:
-                path.unlink()
+    require_no_link(folder.parent)
+    require_no_link(folder)
+    make_folder(folder)
+    for one in series:
+        make_room(folder, one, spared)
+    number = max(numbered(folder, prefix).values(), default=0) + 1
+    if prefix:
+        return folder / f"{prefix}{number}"
+    return folder / f"{number:04d}"
+
+
+def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> None:
+    """Remove the oldest files of a series while they are too many or too large.
+
+    Only files older than `KEPT_FOR` are removed: a flood of requests must not push out what was
+    written before it.
+
+    Raises:
+        OSError: there is no room, because the files are recent.
+    """
+    files = []
+    for entry in os.scandir(folder):
+        if entry.is_file(follow_symlinks=False) and series.has(entry.name):
+            files.append((entry.stat(follow_symlinks=False), Path(entry.path)))
+    files.sort(key=lambda file: file[0].st_mtime)
+    count = len(files)
+    size = sum(max(status.st_size, _BLOCK) for status, _ in files)
+    oldest_kept = time.time() - KEPT_FOR
+    for status, path in files:
+        if count < KEPT_FILES and size < KEPT_BYTES:
+            return
+        if status.st_mtime > oldest_kept:
+            break
+        if path.name in spared or not series.wrote(path):
+            continue
+        path.unlink()
+        count -= 1
+        size -= max(status.st_size, _BLOCK)
+    if count >= KEPT_FILES or size >= KEPT_BYTES:
+        raise OSError(
+            errno.ENOSPC,
+            f"holds {count} files like it, {size >> 20} MiB, and removes none of the last "
+            f"{KEPT_FOR / 86_400.0:.0f} days; remove some by hand",
+            str(folder),
+        )

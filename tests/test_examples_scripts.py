@@ -5,6 +5,7 @@ import ast
 import json
 import re
 import runpy
+import shutil
 import sys
 
 import numpy as np
@@ -108,12 +109,27 @@ def test_next_test(tmp_path):
     # Another processor may move a probability, but not these.
     pattern = re.compile(r"tests: (\w+)|next: (.*);")
     assert pattern.findall(out) == pattern.findall(shown)
-    assert len(pattern.findall(out)) == 7
+    assert len(pattern.findall(out)) == 9
     last = out.splitlines()[-2:]
     assert (
         re.search("tests: pressure_leakage (9|100)", last[0])
         and last[1] == "stop: settled"
     )
+
+
+def test_fmu_tractor(tmp_path):
+    pytest.importorskip("fmpy", reason="needs the extra export")
+    if not any(shutil.which(name) for name in ("cc", "gcc", "clang")):
+        pytest.skip("no C compiler")
+    out = printed("fmu_tractor.py", tmp_path).splitlines()
+    page = (ROOT / "docs" / "export.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```\n( +s +wanted.*?)```", page, re.DOTALL)
+    assert len(shown.splitlines()) == 7
+    for line in shown.splitlines():
+        assert line in out
+    assert out[-1] == "largest difference between FMU and Python at 1201 steps: 0"
+    kilojoules = [float(number) for number in re.findall(r"([\d.]+) kJ", out[-2])]
+    assert kilojoules[0] == pytest.approx(kilojoules[1] + kilojoules[2], abs=0.2)
 
 
 def test_own_system_finds_the_hidden_effect(tmp_path):

@@ -33,7 +33,7 @@ KEYS = {
         "scipy",
         "yaml",
     )
-}
+} | {"nptdms": "npTDMS"}
 
 
 def read(name):

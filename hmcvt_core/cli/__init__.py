@@ -32,10 +32,18 @@ COMMANDS = {
         "map:command",
         "write the efficiency over displacement ratio, engine speed and load",
     ),
+    "mission": (
+        "mission:command",
+        "find the fuel of a work cycle, and how close to the best a strategy comes",
+    ),
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
     "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
     "watch": ("gap:watch", "report whether a gap has opened, since when and how large"),
+    "estimate": (
+        "estimate:command",
+        "estimate output power and losses from the log of a machine",
+    ),
     "fleet": ("fleet:command", "identify and diagnose every bench log of a folder"),
     "unit": (
         "gap:unit",
@@ -44,9 +52,13 @@ COMMANDS = {
     "separable": ("gap:separable", "report which effects a test plan can distinguish"),
     "import": (
         "import_table:command",
-        "turn the table of your bench (CSV, Excel) into bench samples",
+        "turn a table (CSV, Excel) or a log (MDF4, TDMS, CAN) into bench samples",
     ),
     "import-csv": ("import_table:command", "the older name of import"),
+    "export": (
+        "export:command",
+        "write the model as C, as an FMU or as maps for MATLAB",
+    ),
     "transmission": (
         "transmission:group",
         "write a transmission file from gear ratios, and check one",

@@ -22,6 +22,7 @@ from .progress import Progress
 from .quantities import (
     fraction,
     fractions,
+    number,
     output_speed,
     part_up_to,
     power,
@@ -38,6 +39,7 @@ __all__ = [
     "answers",
     "command",
     "fraction",
+    "number",
     "options",
     "part_up_to",
     "power",

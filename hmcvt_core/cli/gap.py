@@ -10,6 +10,7 @@ from ..benches import transmission
 from ..benches.unit import UnitChange, UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
 from ..files.bench import BenchSamples, read_bench
+from ..files.logs.opening import is_log
 from ..files.units import AXES, KINDS, UnitSamples, read_unit
 from ..model.parameter_file import save_model
 from ..monitoring import FALSE_ALARMS
@@ -17,14 +18,13 @@ from ..monitoring import watch as watch_samples
 from ..report import write_report
 from ..report.gap_map import draw_gap
 from ..report.pictures import save
-from . import common
+from . import common, logs
 from .common import Answer
+from .gap_cost import cycle_from, with_gap_cost
+from .logs import OPEN
 
 READERS = "hmcvt.readers"
 """Entry points that read bench samples from other files: ending (or `folder`) = function(path)."""
-
-OPEN = 4
-"""Exit code when a gap has opened."""
 
 
 @common.command(
@@ -33,7 +33,8 @@ OPEN = 4
   hmcvt diagnose data/table2.csv
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
-  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json""",
+  hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json
+  hmcvt diagnose data/simulated.csv --noise 0.004 --mission transport""",
     common.params_option,
     common.noise_option,
     common.report_option,
@@ -53,6 +54,11 @@ OPEN = 4
     metavar="P.yaml",
     help="Write the model with the leading set of causes in it.",
 )
+@click.option(
+    "--mission",
+    metavar="CYCLE.csv",
+    help="Work cycle, or the name of a shipped one: what the gap costs on it, in fuel.",
+)
 def diagnose(
     bench: str,
     params: str | None,
@@ -61,6 +67,7 @@ def diagnose(
     report: str | None,
     picture: str | None,
     saved: str | None,
+    mission: str | None,
     seed: int,
 ) -> Answer:
     """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
@@ -69,6 +76,8 @@ def diagnose(
     model = common.model_from(params)
     samples = read_bench(bench)
     held_out = None if holdout is None else read_bench(holdout)
+    # Read first, so that a wrong file is refused before the work.
+    cycle = None if mission is None else cycle_from(mission)
     with common.Progress("diagnosis") as progress:
         diagnosis = transmission.diagnose(
             model, samples, held_out, noise=noise, seed=seed, progress=progress
@@ -80,7 +89,10 @@ def diagnose(
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
-    return _answer(diagnosis, report, lines)
+    answer = _answer(diagnosis, report, lines)
+    if cycle is None:
+        return answer
+    return with_gap_cost(answer, diagnosis, model, cycle)
 
 
 def _answer(
@@ -180,7 +192,9 @@ def separable(
     "watch",
     """
   hmcvt watch samples.csv
-  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json""",
+  hmcvt watch samples.csv --params mine.yaml --noise 0.01 --json
+  hmcvt watch drive.mf4 --params params/tractor.yaml --engine params/engine.yaml""",
+    logs.options_of_logs,
     common.params_option,
     common.noise_option,
 )
@@ -193,15 +207,41 @@ def separable(
     default=FALSE_ALARMS,
     help="Chance of one in a whole stream, however long.",
 )
+@click.option(
+    "--engine",
+    metavar="E.yaml",
+    help="Fuel map, for the log of a machine that states fuel and engine torque.",
+)
 def watch(
-    samples: str, params: str | None, noise: float | None, false_alarms: float
+    samples: str,
+    params: str | None,
+    noise: float | None,
+    false_alarms: float,
+    engine: str | None,
+    dbc: str | None,
+    reference_torque: float | None,
+    friction_torque: float | None,
+    stage_names: str | None,
 ) -> Answer:
     """Report whether a gap has opened between model and bench, since when and how large.
 
-    SAMPLES is a bench file, or a bag where hmcvt_ros is installed; its samples are taken one by
-    one, by their stamps where they have any. Exit code 4 when a gap has opened, else 0.
+    SAMPLES is a bench file, a bag where hmcvt_ros is installed, or a log (MDF4, TDMS, CAN); its
+    samples are taken one by one, by their stamps where they have any. A log without output torque
+    is watched within what a bus can tell: fuel against engine torque, and the slip of the output.
+    Exit code 4 when a gap has opened, else 0.
     """
     model = common.model_from(params)
+    of_logs = {
+        "dbc": dbc,
+        "reference_torque": reference_torque,
+        "friction_torque": friction_torque,
+        "stage_names": stage_names,
+    }
+    if is_log(samples):
+        return logs.watch_command(samples, model, engine, noise, false_alarms, of_logs)
+    logs.refuse_options_of_logs({**of_logs})
+    if engine is not None:
+        raise click.UsageError("--engine is for the log of a machine")
     opening = watch_samples(
         model, _read(samples), noise=noise, false_alarms=false_alarms
     )
@@ -251,6 +291,12 @@ def _band(text: str) -> tuple[str, float]:
     metavar="NAME",
     help="Which one, where column `unit` names several.",
 )
+@click.option(
+    "--displacement",
+    metavar="NUMBER:UNIT",
+    help="Of the unit at full stroke, as 56:cm3; a column of displacements that differ "
+    "then gives the stroke.",
+)
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
 @click.option(
     "--baseline",
@@ -282,6 +328,7 @@ def unit(
     table: str,
     kind: str | None,
     name: str | None,
+    displacement: str | None,
     holdout: str | None,
     baseline: str | None,
     above: tuple[str, float] | None,
@@ -304,13 +351,23 @@ def unit(
         "a change is not put into a transmission", baseline=baseline, into=into
     )
     common.keep_inputs([table, holdout, baseline], [report, into])
-    samples = read_unit(table, kind=kind, unit=name, noise=noise)
+    samples = read_unit(
+        table, kind=kind, unit=name, displacement=displacement, noise=noise
+    )
     held_out: UnitSamples | None = None
     if holdout is not None:
-        held_out = read_unit(holdout, kind=samples.kind, unit=name, noise=noise)
+        held_out = read_unit(
+            holdout,
+            kind=samples.kind,
+            unit=name,
+            displacement=displacement,
+            noise=noise,
+        )
     sound = None
     if baseline is not None:
-        sound = read_unit(baseline, kind=samples.kind, noise=noise)
+        sound = read_unit(
+            baseline, kind=samples.kind, displacement=displacement, noise=noise
+        )
     if above is not None:
         samples, held_out = samples.divided(*above)
     # Loaded first, so that a wrong file is refused before the work.

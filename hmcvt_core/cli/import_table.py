@@ -11,12 +11,13 @@ import click
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.bench import BenchSamples, write_bench
+from ..files.logs.opening import is_log
 from ..files.raw import Column, Imported, Proposal, choose_columns, import_table
 from ..files.tables.header import RawTable
 from ..files.tables.mapping import mapping_text, read_mapping
 from ..files.tables.units import UNITS
 from ..transmission.ranges import BENCH_COLUMNS
-from . import common
+from . import common, logs
 from .common import Answer
 
 _TEXTS = {
@@ -24,6 +25,7 @@ _TEXTS = {
     "engine_torque": "With output torque and speed it gives the efficiency.",
     "output_torque": "At the output shaft.",
     "load_torque": "Output power / engine speed.",
+    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
     "efficiency_std": "Standard deviation of the efficiency.",
     "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
     "pressure": "Over the motor, high minus low side.",
@@ -57,7 +59,11 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
       --engine-speed n_engine:rpm --engine-torque M_engine \\
       --output-speed n_output:rpm --output-torque M_output
   hmcvt import raw.csv --out bench.csv --displacement-ratio eps --engine-speed n:rpm \\
-      --load-torque M --efficiency eta:%""",
+      --load-torque M --efficiency eta:%
+  hmcvt import test.mf4 --out bench.csv --yes --save-mapping daq.yaml
+  hmcvt import bus.blf --dbc bench.dbc --out bench.csv --yes
+  hmcvt import test.mf4 --out bench.csv --mapping daq.yaml""",
+    logs.options_of_logs,
 )
 @click.argument("raw", metavar="TABLE")
 @click.option(
@@ -73,6 +79,18 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
     type=click.IntRange(1, 10_000),
     metavar="LINE",
     help="Line of the header, from 1; searched when left out.",
+)
+@click.option(
+    "--names",
+    metavar="NAME,NAME,...",
+    help="Names of all columns with their units, for a table without a header, as "
+    "'n_engine [rpm],M_engine [Nm],eta [%]'.",
+)
+@click.option(
+    "--matrix",
+    metavar="ROWS,COLUMNS,CELLS",
+    help="Names of both axes and of the cells of a map that is a matrix, as "
+    "'engine speed [rpm],load torque [Nm],efficiency [%]'.",
 )
 @click.option("--sheet", metavar="NAME", help="Of an Excel file.")
 @click.option(
@@ -109,6 +127,8 @@ def command(
     raw: str,
     out: str,
     header_row: int | None,
+    names: str | None,
+    matrix: str | None,
     sheet: str | None,
     decimal: str | None,
     mapping: str | None,
@@ -117,22 +137,40 @@ def command(
     skip_bad: bool,
     averaged: bool,
     unchecked: bool,
+    dbc: str | None,
+    reference_torque: float | None,
+    friction_torque: float | None,
+    stage_names: str | None,
     **given: str | None,
 ) -> Answer:
-    """Turn the table of your bench (CSV, Excel) into bench samples.
+    """Turn the table or the log of your bench into bench samples.
 
-    Each option names a column of TABLE, or a number for all rows, and the unit; without a unit
-    that of the header holds, else the first in brackets. For what is not named, columns are
-    proposed: without --yes the proposal is shown and nothing is written. What the table leaves
-    open is asked. Efficiency and load torque are computed where no column holds them. Other
-    columns are kept. A recording is cut into its steady windows.
+    TABLE is CSV or Excel, or a log: MDF4, TDMS, or a CAN trace. Each option names a column of
+    TABLE, or a number for all rows, and the unit; without a unit that of the header holds, else
+    the first in brackets. For what is not named, columns are proposed: without --yes the proposal
+    is shown and nothing is written. What the table leaves open is asked. Efficiency and load
+    torque are computed where no column holds them. Other columns are kept. A recording is cut into
+    its steady windows.
     """
     inputs = [raw] if mapping is None else [raw, mapping]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
+    of_logs = {
+        "dbc": dbc,
+        "reference_torque": reference_torque,
+        "friction_torque": friction_torque,
+        "stage_names": stage_names,
+    }
+    if is_log(raw):
+        return logs.import_command(
+            raw, out, mapping, save_mapping, yes, unchecked, given, of_logs
+        )
+    logs.refuse_options_of_logs(of_logs)
     settings: dict[str, Any] = {
         "header_row": header_row,
         "sheet": sheet,
         "decimal": decimal,
+        "names": names,
+        "matrix": matrix,
     }
     named = _named_columns(mapping, given, settings)
     table, proposal = choose_columns(
@@ -191,6 +229,8 @@ def _named_columns(
     if mapping is not None:
         named, saved = read_mapping(mapping)
         for name, value in saved.items():
+            if name not in settings:
+                raise InputError(f"{mapping}: {name} is for logs, not for a table")
             if settings[name] is None:
                 settings[name] = value
     for quantity, text in given.items():
@@ -267,9 +307,14 @@ def _source_line(table: RawTable) -> str:
     units = ""
     if table.units:
         units = " and a row of units"
+    header = f"header in row {table.header_row}{units}"
+    if table.matrix:
+        return f"{table.source}{sheet}: {table.matrix}"
+    if table.header_row == 0:
+        header = "names of the columns as given"
     return (
-        f"{table.source}{sheet}: header in row {table.header_row}{units}, "
-        f"{len(table.rows) + len(table.broken)} rows below it"
+        f"{table.source}{sheet}: {header}, {len(table.rows) + len(table.broken)} rows "
+        "below it"
     )
 
 
@@ -295,6 +340,12 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
         return
     click.echo("\n".join(explained), err=True)
     questions = "; ".join(str(question) for question in proposal.questions)
+    missing = proposal.missing_anyway()
+    if missing:
+        questions += (
+            f"; besides, no column is named for {', '.join(missing)} (an option may give a "
+            "number for all rows)"
+        )
     raise InputError(f"{table.source}: {questions}")
 
 
@@ -305,7 +356,7 @@ def _preview(imported: Imported) -> list[str]:
         lines.append(f"without {line}")
     lines += imported.notes
     skip = ""
-    if imported.left_out:
+    if imported.doubtful:
         skip = "; --skip-bad leaves the rows above out"
     lines.append(
         f"{len(imported.samples)} bench samples would be written; --yes takes the "

@@ -258,4 +258,7 @@ def _written(
     if output.table is None:
         return Answer(value, [text.rstrip("\n")])
     write_atomically(Path(output.table), text)
-    return Answer(value)
+    lines = [f"written to {output.table}"]
+    if output.picture is not None:
+        lines.append(f"written to {output.picture}")
+    return Answer(value, lines)

@@ -43,6 +43,7 @@ def _reader(
 speed = _reader("speed", "146.6 (rad/s) or 1400rpm", UNITS["engine_speed"])
 torque = _reader("torque", "200 (N m) or 1.2kNm", UNITS["engine_torque"])
 power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
+number = _reader("number", "80", {})
 fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
 
 
@@ -89,8 +90,8 @@ def output_speed(
         raise click.UsageError(
             "--output-speed in km/h needs --tyre-radius and --final-drive"
         )
-    number = value.lower().replace("km/h", "").strip()
-    ground_speed, _unit = parsed(number, comma="." not in value)
+    figures = value.lower().replace("km/h", "").strip()
+    ground_speed, _unit = parsed(figures, comma="." not in value)
     if math.isnan(ground_speed):
         raise click.BadParameter(f"{value!r} is not a speed: write 8km/h")
     return ground_speed / 3.6 / radius * float(final_drive)

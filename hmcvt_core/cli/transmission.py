@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt transmission new` and `hmcvt transmission check`."""
 
+import math
 from pathlib import Path
 
 import click
@@ -16,9 +17,18 @@ from ..transmission.new_file import commented_file, stage_from_text
 from . import common
 from .common import Answer
 
-_STAGE_EXAMPLE = (
-    "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring"
-)
+_STAGE_EXAMPLES = """\
+A stage is its name, and what each path goes through as PATH=PAIRS:MEMBER, for example
+  HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring
+  H0 layout=hydrostatic pump=4 motor=-5 output=8
+  V layout=output_coupled row=k1 mechanical=1:carrier pump=4:ring motor=5 output=6:sun
+mechanical: engine to row; pump: engine (output_coupled: row) to pump; motor: motor to row
+(others: output); output: row (hydrostatic: motor) to output. A minus reverses a path."""
+
+_ASSUMED_DISPLACEMENT = 55.0
+"""Of pump and motor [cm3/rev], as for the paper's transmission."""
+_ASSUMED_GEAR_EFFICIENCY = 0.98
+"""Of every gear pair [-]; the best of the paper's Table 3."""
 
 
 @click.group(
@@ -33,14 +43,15 @@ def group() -> None:
 
 
 def _named_number(text: str) -> tuple[str, float]:
-    """Read a name and a number, such as 1=1.439."""
+    """Read a name and a number, such as 1=1.439 or 1=1,439."""
     name, _, value = text.partition("=")
     try:
-        return name.strip(), float(value)
+        number = float(value.replace(",", "."))
     except ValueError:
-        raise click.BadParameter(
-            f"{text!r} is not a name and a ratio: write 1=1.439"
-        ) from None
+        number = math.nan
+    if not name.strip() or not math.isfinite(number):
+        raise click.BadParameter(f"{text!r} is not a name and a ratio: write 1=1.439")
+    return name.strip(), number
 
 
 @common.command(
@@ -73,24 +84,18 @@ def _named_number(text: str) -> tuple[str, float]:
 )
 @click.option(
     "--pump-displacement",
-    type=float,
-    default=55.0,
-    show_default=True,
-    help="In cm3/rev.",
+    type=common.number,
+    help=f"In cm3/rev.  [default: {_ASSUMED_DISPLACEMENT:g}, assumed]",
 )
 @click.option(
     "--motor-displacement",
-    type=float,
-    default=55.0,
-    show_default=True,
-    help="In cm3/rev.",
+    type=common.number,
+    help=f"In cm3/rev.  [default: {_ASSUMED_DISPLACEMENT:g}, assumed]",
 )
 @click.option(
     "--gear-efficiency",
     type=common.fraction,
-    default=0.98,
-    show_default=True,
-    help="Of every gear pair.",
+    help=f"Of every gear pair.  [default: {_ASSUMED_GEAR_EFFICIENCY:g}]",
 )
 @click.option(
     "--stage",
@@ -104,28 +109,46 @@ def new(
     out: str,
     gear_pairs: tuple[tuple[str, float], ...],
     rows: tuple[tuple[str, float], ...],
-    pump_displacement: float,
-    motor_displacement: float,
-    gear_efficiency: float,
+    pump_displacement: float | None,
+    motor_displacement: float | None,
+    gear_efficiency: float | None,
     stages: tuple[str, ...],
 ) -> Answer:
     """Write a commented transmission file from gear ratios, and check it.
 
-    Without --stage the ratios and stages are asked for.
+    Without --stage all that no option states is asked for.
     """
     if Path(out).exists():
         raise click.UsageError(f"{out}: exists; write another file")
     if not stages:
         gear_pairs = gear_pairs or _asked_numbers("Gear pair, such as 1=1.439")
         rows = rows or _asked_numbers("Planetary row, such as k1=2.56")
+        pump_displacement = _asked(
+            pump_displacement, "Pump displacement [cm3/rev]", _ASSUMED_DISPLACEMENT
+        )
+        motor_displacement = _asked(
+            motor_displacement, "Motor displacement [cm3/rev]", _ASSUMED_DISPLACEMENT
+        )
+        gear_efficiency = _asked(
+            gear_efficiency, "Efficiency of a gear pair", _ASSUMED_GEAR_EFFICIENCY
+        )
         stages = _asked_stages()
+    notes = []
+    if pump_displacement is None or motor_displacement is None:
+        notes.append(
+            f"note: {_ASSUMED_DISPLACEMENT:g} cm3/rev is assumed for the displacement that "
+            "no option states: the leakage and the pressures scale with it"
+        )
     text = commented_file(
         Path(out).stem,
         dict(gear_pairs),
         dict(rows),
-        (pump_displacement, motor_displacement),
+        (
+            pump_displacement or _ASSUMED_DISPLACEMENT,
+            motor_displacement or _ASSUMED_DISPLACEMENT,
+        ),
         [stage_from_text(stage) for stage in stages],
-        gear_efficiency,
+        _ASSUMED_GEAR_EFFICIENCY if gear_efficiency is None else gear_efficiency,
     )
     write_atomically(Path(out), text)
     try:
@@ -134,27 +157,58 @@ def new(
         Path(out).unlink()
         raise
     check = check_stages(loaded)
-    return Answer(check.to_dict(), [_report(check), f"written to {out}"])
+    return Answer(check.to_dict(), [_report(check), *notes, f"written to {out}"])
+
+
+def _asked_line(prompt: str) -> str:
+    """Ask for a line, which may be empty."""
+    line: str = click.prompt(prompt, default="", show_default=False, err=True)
+    return line.strip()
+
+
+def _asked(stated: float | None, prompt: str, assumed: float) -> float:
+    """Return what an option states, or ask for a number until one is given."""
+    if stated is not None:
+        return stated
+    while True:
+        line = _asked_line(f"{prompt} (empty for {assumed:g})")
+        if not line:
+            return assumed
+        try:
+            return common.number(line)
+        except click.BadParameter as error:
+            click.echo(error.message, err=True)
 
 
 def _asked_numbers(prompt: str) -> tuple[tuple[str, float], ...]:
+    """Ask for names with numbers; one that cannot be read is asked again."""
     numbers: list[tuple[str, float]] = []
     while True:
-        text = click.prompt(f"{prompt} (empty to go on)", default="", err=True)
-        if not text:
+        line = _asked_line(f"{prompt} (empty to go on)")
+        if not line:
             return tuple(numbers)
-        numbers.append(_named_number(text))
+        try:
+            numbers.append(_named_number(line))
+        except click.BadParameter as error:
+            click.echo(error.message, err=True)
 
 
 def _asked_stages() -> tuple[str, ...]:
-    click.echo(f"A stage is written as: {_STAGE_EXAMPLE}", err=True)
+    """Ask for stages; one that cannot be read is asked again."""
+    click.echo(_STAGE_EXAMPLES, err=True)
     stages: list[str] = []
     while True:
-        text = click.prompt("Stage (empty to end)", default="", err=True)
-        if not text and stages:
+        line = _asked_line("Stage (empty to end)")
+        if not line and stages:
             return tuple(stages)
-        if text:
-            stages.append(text)
+        if not line:
+            continue
+        try:
+            stage_from_text(line)
+        except InputError as error:
+            click.echo(str(error), err=True)
+        else:
+            stages.append(line)
 
 
 @common.command(

@@ -5,7 +5,9 @@ import contextlib
 import os
 import re
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TextIO
 
 _SUFFIX = ".tmp"
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(_SUFFIX))
@@ -94,3 +96,31 @@ def _replace(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def growing_file(path: Path) -> Iterator[TextIO]:
+    """Open a text file that takes the place of `path` once it is complete.
+
+    Args:
+        path: of the file; a device or a pipe is written to directly.
+
+    Raises:
+        OSError: the folder cannot be written or is full; the old file is untouched.
+    """
+    if path.exists() and not path.is_file():
+        with path.open("w", encoding="utf-8", newline="") as file:
+            yield file
+        return
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{_SUFFIX}")
+    try:
+        with temporary.open("x", encoding="utf-8", newline="") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)

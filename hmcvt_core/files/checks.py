@@ -2,11 +2,41 @@
 """Checks of the types that public functions are given, with errors that say what is wanted."""
 
 import os
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+
+_FILE_KINDS = {
+    "hmcvt-model": "a parameter file of a model",
+    "hmcvt-transmission": "a transmission file",
+    "hmcvt-engine": "an engine file",
+    "hmcvt-mapping": "a mapping of columns",
+}
+"""What the files of each schema are, without the version."""
+
+_STATED_SCHEMA = re.compile(r"^schema: *['\"]?([\w/-]+)", re.MULTILINE)
+
+
+def kind_of_schema(schema: object) -> str | None:
+    """Return what kind of file states a schema, None for an unknown one."""
+    return _FILE_KINDS.get(str(schema).partition("/")[0])
+
+
+def _kind_of_text(text: str) -> str:
+    """Return what kind of file holds a text."""
+    stated = _STATED_SCHEMA.search(text)
+    kind = kind_of_schema(stated[1]) if stated else None
+    return kind or "a file"
+
+
+def _is_content(value: Any) -> bool:
+    """Whether a value is the text of a file, not its path."""
+    is_text = isinstance(value, str)
+    return is_text and ("\n" in value or _STATED_SCHEMA.match(value) is not None)
 
 
 def described(value: Any) -> str:
@@ -14,8 +44,14 @@ def described(value: Any) -> str:
     name = type(value).__name__
     if value is None:
         return "None"
+    if _is_content(value):
+        return f"the text of {_kind_of_text(value)}"
     if isinstance(value, str):
         return f"the text {value!r}"
+    if isinstance(value, Mapping):
+        kind = kind_of_schema(value.get("schema"))
+        if kind is not None:
+            return f"the content of {kind} as a {name}"
     if isinstance(value, os.PathLike):
         return f"the path {os.fspath(value)!r}"
     if is_dataframe(value):
@@ -55,5 +91,5 @@ def wrong_type(argument: str, wanted: str, given: Any, hint: str = "") -> InputE
 
 def require_path(value: Any, argument: str, wanted: str, hint: str = "") -> None:
     """Raise an `InputError` where an argument is not the path of a file."""
-    if not is_path(value):
+    if not is_path(value) or _is_content(value):
         raise wrong_type(argument, f"the path of {wanted}", value, hint)

@@ -11,11 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from .checks import kind_of_schema
 
 if TYPE_CHECKING:
     import yaml
 
-_MAX_BYTES = 4 * 1024 * 1024
+_TABLES = (".csv", ".tsv", ".txt")
+# Chosen by us: a hundred times what the largest file of the project needs.
+_MAX_BYTES = 1024 * 1024
+_MOST_EVENTS = 40_000
+"""Keys, values, and beginnings and ends of collections that a file may hold."""
 _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 
 
@@ -50,7 +55,10 @@ def read_tree(
     except OSError as error:
         raise InputError(error.strerror or str(error)) from None
     except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text at byte {error.start}") from None
+        kind = kind_of_schema(schema)
+        raise InputError(
+            f"not UTF-8 text at byte {error.start}; wanted is {kind}"
+        ) from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
         place = _line_of(error, "problem_mark")
@@ -58,20 +66,15 @@ def read_tree(
             f"not YAML{place}: {getattr(error, 'problem', error)}"
         ) from None
     if tree is None or not isinstance(data, dict):
-        raise InputError("holds no mapping; is it empty or cut off?")
+        kind = kind_of_schema(schema)
+        if path.suffix.lower() in _TABLES:
+            raise InputError(f"is a table ({path.suffix}); wanted is {kind}")
+        raise InputError(f"holds no mapping; is it empty or cut off? wanted is {kind}")
     if data.get("schema") != schema:
         raise InputError(_other_schema(data.get("schema"), schema))
     _require_decimal_points(tree)
     return data, tree
 
-
-_FILE_KINDS = {
-    "hmcvt-model": "a parameter file of a model",
-    "hmcvt-transmission": "a transmission file",
-    "hmcvt-engine": "an engine file",
-    "hmcvt-mapping": "a mapping of columns",
-}
-"""What the files of each schema are, without the version."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
@@ -79,8 +82,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 def _other_schema(stated: object, wanted: str) -> str:
     """Say which kind of file was given, and which one is wanted."""
     complaint = f"schema = {stated!r}; this version reads {wanted!r}"
-    kind = _FILE_KINDS.get(str(stated).partition("/")[0])
-    wanted_kind = _FILE_KINDS.get(wanted.partition("/")[0])
+    kind = kind_of_schema(stated)
+    wanted_kind = kind_of_schema(wanted)
     if kind is None or wanted_kind is None or kind == wanted_kind:
         return complaint
     return f"is {kind}; wanted is {wanted_kind} ({complaint})"
@@ -118,27 +121,33 @@ def _require_plain(events: Iterable[yaml.Event]) -> None:
     from yaml.events import CollectionEndEvent, CollectionStartEvent
 
     depth = 0
-    for event in events:
-        depth += isinstance(event, CollectionStartEvent) - isinstance(
-            event, CollectionEndEvent
-        )
-        anchor, tag = (getattr(event, mark, None) for mark in ("anchor", "tag"))
-        for found, what in (
-            (
-                anchor,
-                f"{anchor!r} is an alias or the anchor of one: write the values out",
-            ),
-            (tag, f"{tag!r} is a tag: write the value alone"),
-            (
-                getattr(event, "value", None) == "<<",
-                "'<<' merges mappings: write the values out",
-            ),
-            (depth > _DEEPEST, f"more than {_DEEPEST} levels"),
-        ):
-            if found:
-                raise InputError(
-                    f"not YAML of a parameter file{_line_of(event)}: {what}"
-                )
+    for count, event in enumerate(events):
+        if isinstance(event, CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, CollectionEndEvent):
+            depth -= 1
+        complaint = _not_plain(event)
+        if depth > _DEEPEST:
+            complaint = f"more than {_DEEPEST} levels"
+        if count > _MOST_EVENTS:
+            complaint = f"more than {_MOST_EVENTS} keys and values"
+        if complaint:
+            raise InputError(
+                f"not YAML of a parameter file{_line_of(event)}: {complaint}"
+            )
+
+
+def _not_plain(event: yaml.Event) -> str:
+    """Return what is not plain about a part of a file; empty when nothing."""
+    anchor = getattr(event, "anchor", None)
+    if anchor:
+        return f"{anchor!r} is an alias or the anchor of one: write the values out"
+    tag = getattr(event, "tag", None)
+    if tag:
+        return f"{tag!r} is a tag: write the value alone"
+    if getattr(event, "value", None) == "<<":
+        return "'<<' merges mappings: write the values out"
+    return ""
 
 
 def _line_of(item: object, mark: str = "start_mark") -> str:

@@ -7,8 +7,7 @@ columns, `import_table` converts and checks the values and makes the samples.
 
 import math
 import os
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from typing import Any, NamedTuple
@@ -16,12 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..transmission.ranges import Array
+from ..transmission.ranges import BENCH_COLUMNS, Array
 from .bench import BenchSamples, column_name
-from .recordings import cut, is_recording, looks_recorded, powers
-from .tables.checks import contradictions, implausible, suspect_efficiency
+from .recordings import cut, even_columns, is_recording, looks_recorded, powers
+from .tables.checks import (
+    causes_of_efficiency,
+    contradicting_tests,
+    contradictions,
+    implausible,
+)
 from .tables.header import RawTable, read_table
-from .tables.numbers import is_number, no_number, not_available, parsed, read_numbers
+from .tables.no_tests import confirmed_torque, rows_without_test
+from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
     OUTPUTS,
@@ -35,7 +40,9 @@ from .tables.proposal import (
     propose,
 )
 from .tables.rules import meaning_of
+from .tables.shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
 from .tables.stamps import joined_stamps, read_times
+from .tables.summaries import header_rows, summary_rows
 from .tables.units import UNITS, kind_of, to_si, unit_of
 
 __all__ = [
@@ -49,24 +56,18 @@ __all__ = [
     "read_raw_bench",
 ]
 
-_KEPT = tuple(RANGES)[: len(RANGES) - 4]
+_KEPT = tuple(column.name for column in BENCH_COLUMNS)
 _OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
-_FEWEST_AVERAGED = 3
-_FEWEST_MEAN_COLUMNS = 3
-_MEAN_WIDTH = 2e-3
-"""Part of the spread of a column by which its mean is rounded; three columns at once meet it by
-chance in fewer than one of a million tables."""
-_MOST_SHOWN = 20  # rows in one message
-STATISTIC = re.compile(
-    r"(mean( values?)?|average|avg|min(imum)?|max(imum)?|median|std|st(d\.? ?)?dev|sum|"
-    r"total|rms|standard deviation|mittel(wert)?|durchschnitt|summe|gesamt|streuung|"
-    r"standardabweichung|moyenne|m\u00e9diane|\u00e9cart[ -]type|media|promedio)\.?:?",
-    re.IGNORECASE,
-)
-"""A cell that makes a row a summary of others."""
+_LOSS_NOTE = "load torque = engine torque - torque loss, both at the input shaft"
+_PERCENT = "%"
+_FEWEST_EVEN = 2
+"""Columns in equal steps from which a table is a computed curve and no recording."""
+_FEWEST_MATRIX_COLUMNS = 3
+"""Numbers in a header from which it is that of a matrix."""
+_MOST_SHOWN = 20  # rows or names in one message
 
 
 class Imported(NamedTuple):
@@ -76,11 +77,13 @@ class Imported(NamedTuple):
         samples: of the tests, or of the steady windows of a recording.
         left_out: rows that were left out, each with the reason.
         notes: what else was done.
+        doubtful: how many of the rows that were left out may be tests.
     """
 
     samples: BenchSamples
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    doubtful: int = 0
 
 
 def read_raw_bench(
@@ -103,6 +106,8 @@ def choose_columns(
     header_row: int | None = None,
     sheet: str | None = None,
     decimal: str | None = None,
+    names: str | None = None,
+    matrix: str | None = None,
     guess: bool = False,
     averaged: bool = False,
 ) -> tuple[RawTable, Proposal]:
@@ -116,6 +121,10 @@ def choose_columns(
         header_row: row of the header, from 1; searched when left out.
         sheet: of a spreadsheet.
         decimal: `point` or `comma`; the table decides when left out.
+        names: of the columns of a table without any, separated by commas, as
+            `n_engine [rpm],M_engine [Nm]`.
+        matrix: names of the row axis, the column axis and the cells of a map that is a matrix,
+            separated by commas.
         guess: whether to propose columns for what is not named.
         averaged: whether each row is a steady test, however fast the stamps rise.
 
@@ -129,11 +138,13 @@ def choose_columns(
         )
     bare = list(map(_bare_name, columns.values()))
     constants = [name for name in bare if math.isfinite(parsed(name, False)[0])]
-    table = read_table(path, bare, header_row, sheet, decimal)
+    header = _listed_names(names)
+    axes = _listed_names(matrix)
+    table = read_table(path, bare, header_row, sheet, decimal, header, axes)
     if not set(bare) <= table.columns.keys():
         # A number for all rows does not show which row is the header.
-        names = [name for name in bare if name not in constants]
-        table = read_table(path, names, header_row, sheet, decimal)
+        of_columns = [name for name in bare if name not in constants]
+        table = read_table(path, of_columns, header_row, sheet, decimal, header, axes)
     missing = [name for name in constants if name not in table.columns]
     table = table.with_constants(missing)
     if "stamp" in columns and _bare_name(columns["stamp"]) not in table.columns:
@@ -149,6 +160,11 @@ def choose_columns(
         proposal = propose(table, named, averaged)
     assumed = _assumed_units(proposal.columns, columns, table)
     return table, replace(proposal, assumed=tuple(assumed))
+
+
+def _listed_names(text: str | None) -> list[str]:
+    """Return names that are separated by commas; none without a text."""
+    return text.split(",") if text else []
 
 
 def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
@@ -174,7 +190,7 @@ def _with_joined_stamp(table: RawTable, columns: Mapping[str, str]) -> RawTable:
 def _assumed_units(
     columns: Mapping[str, Column], texts: Mapping[str, str], table: RawTable
 ) -> list[str]:
-    """Say of which torques and powers neither the table nor the user states the unit.
+    """Say of which torques and powers, and speeds of a matrix, nothing states the unit.
 
     Args:
         columns: by quantity, named or proposed.
@@ -182,8 +198,11 @@ def _assumed_units(
         table: where they stand.
     """
     notes = []
+    kinds = ["torque", "power"]
+    if table.matrix:
+        kinds.append("speed")
     for quantity, column in columns.items():
-        if kind_of(quantity) not in ("torque", "power"):
+        if kind_of(quantity) not in kinds:
             continue
         name = column.name
         if quantity in texts and texts[quantity].strip() != name:
@@ -191,8 +210,7 @@ def _assumed_units(
         stated = meaning_of(name, table.units.get(name, "")).unit
         if stated is not None and stated.name != "-":
             continue
-        comma = table.styles[name].comma
-        if not read_numbers(table.columns[name], comma).units:
+        if not table.numbers(name).units:
             notes.append(f"unit assumed: {column.unit} (column {name!r} names none)")
     return notes
 
@@ -240,27 +258,177 @@ def import_table(
     if "stage" in columns:
         extra["stage"] = table.columns[columns.pop("stage").name]
     values = _all_values(columns, table)
+    notes = [*proposal.notes, *proposal.assumed]
     if not averaged:
         if "stamp" not in values:
-            _refuse_recording(table, values)
+            notes += _refuse_recording(table, values)
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
-    notes = [*proposal.notes, *proposal.assumed]
     notes += _drop_empty(values, columns, table)
     stated = dict(values)
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
     values.setdefault("efficiency", out / into)
-    bad = _bad_rows(values, columns, table)
-    kept = [index for index, row in enumerate(table.rows) if row not in bad]
-    left_out = tuple(f"row {row}: {bad[row]}" for row in sorted(bad))
-    if left_out and not (skip_bad and kept):
-        raise InputError(f"{table.source}: {_rows_message(left_out)}")
-    taken = _rows(values, kept)
+    if "torque_loss" in columns:
+        notes.append(_LOSS_NOTE)
+    rows = _sorted_rows(values, columns, table)
+    spares = _all_values(proposal.spares, table)
     if not unchecked:
-        spares = _rows(_all_values(proposal.spares, table), kept)
-        _refuse_contradictions(_rows(stated, kept), spares, taken, columns, table)
-    return Imported(_bench(taken, extra, kept, table), left_out, tuple(notes))
+        odd = _odd_rows(values, spares, extra.get("stage"), table)
+        rows = rows.without(odd, table)
+    _require_tests(rows, skip_bad, table)
+    taken = _rows(values, rows.kept)
+    stages = _stages(extra, rows.kept)
+    if not unchecked:
+        confirmed = confirmed_torque(values, columns, table)
+        sure: list[str] = []
+        if confirmed is not None and confirmed.in_all_rows:
+            sure += ["load_torque", "engine_speed"]
+            notes.append(
+                f"column {confirmed.name!r} agrees with the load torque by power and speed"
+            )
+        _refuse_contradictions(
+            _rows(stated, rows.kept),
+            _rows(spares, rows.kept),
+            taken,
+            columns,
+            table,
+            stages,
+            sure,
+        )
+    note = shafts_note(taken, columns, stages)
+    if note:
+        notes.append(note)
+    samples = _bench(taken, extra, rows.kept, table)
+    return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
+
+
+class _SortedRows(NamedTuple):
+    """Rows of a table by what becomes of them.
+
+    Attributes:
+        kept: positions of the rows that are tests.
+        doubtful: rows that cannot be used, by number, each with the reason; they may be tests.
+        no_tests: rows that hold no test beyond doubt.
+    """
+
+    kept: list[int]
+    doubtful: dict[int, str]
+    no_tests: dict[int, str]
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return one line for each doubtful row, and one for each reason of the others."""
+        return (*_row_lines(self.doubtful), *_grouped_lines(self.no_tests))
+
+    def without(self, odd: Mapping[int, str], table: RawTable) -> "_SortedRows":
+        """Return the same with further doubtful rows, where nothing is wrong with them yet."""
+        further = {row: why for row, why in odd.items() if row not in self.no_tests}
+        doubtful = {**further, **self.doubtful}
+        kept = [index for index in self.kept if table.rows[index] not in doubtful]
+        ordered = {row: doubtful[row] for row in sorted(doubtful)}
+        return _SortedRows(kept, ordered, self.no_tests)
+
+
+def _sorted_rows(
+    values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
+) -> _SortedRows:
+    """Return the rows that are tests, those that may be none, and those that are none.
+
+    Args:
+        values: SI values by quantity, measured and computed, shape (n,) each.
+        columns: where the measured ones stand.
+        table: as text.
+    """
+    no_tests = _rows_by_number(rows_without_test(values, columns, table), table)
+    bad = _bad_rows(values, columns, table, no_tests.keys())
+    doubtful = {row: bad[row] for row in sorted(bad) if row not in no_tests}
+    kept = []
+    for index, row in enumerate(table.rows):
+        if row not in doubtful and row not in no_tests:
+            kept.append(index)
+    return _SortedRows(kept, doubtful, no_tests)
+
+
+def _require_tests(rows: _SortedRows, skip_bad: bool, table: RawTable) -> None:
+    """Raise an `InputError` that names doubtful rows, or that says why no row is a test."""
+    if rows.doubtful and not (skip_bad and rows.kept):
+        message = _rows_message(_row_lines(rows.doubtful))
+        raise InputError(f"{table.source}: {message}")
+    if not rows.kept:
+        reasons = "; ".join(_grouped_lines(rows.no_tests))
+        raise InputError(f"{table.source}: no row holds a test: {reasons}")
+
+
+def _rows_by_number(reasons: Mapping[int, str], table: RawTable) -> dict[int, str]:
+    """Return reasons by number of the row in place of its position."""
+    return {table.rows[index]: reasons[index] for index in sorted(reasons)}
+
+
+def _row_lines(reasons: Mapping[int, str]) -> tuple[str, ...]:
+    """Return one line for each row that is left out."""
+    return tuple(f"row {row}: {reason}" for row, reason in reasons.items())
+
+
+def _grouped_lines(reasons: Mapping[int, str]) -> tuple[str, ...]:
+    """Return one line for all rows that are left out for one reason."""
+    by_reason: dict[str, list[int]] = {}
+    for row, reason in reasons.items():
+        by_reason.setdefault(reason, []).append(row)
+    lines = []
+    for reason, rows in by_reason.items():
+        if len(rows) == 1:
+            lines.append(f"row {rows[0]}: {reason}")
+            continue
+        lines.append(f"{len(rows)} rows ({_listed(rows)}): {reason}")
+    return tuple(lines)
+
+
+def _listed(rows: Sequence[int]) -> str:
+    """Return numbers of rows, those in a row as `3 to 9`."""
+    runs: list[list[int]] = []
+    for row in rows:
+        if runs and row == runs[-1][-1] + 1:
+            runs[-1].append(row)
+        else:
+            runs.append([row])
+    texts = []
+    for run in runs[:_MOST_SHOWN]:
+        if len(run) == 1:
+            texts.append(str(run[0]))
+        else:
+            texts.append(f"{run[0]} to {run[-1]}")
+    if len(runs) > _MOST_SHOWN:
+        texts.append("and more")
+    return ", ".join(texts)
+
+
+def _stages(
+    extra: Mapping[str, Sequence[str]], kept: Sequence[int]
+) -> list[str] | None:
+    """Return the stage of each row that is kept; None where no column names it."""
+    if "stage" not in extra:
+        return None
+    return [extra["stage"][index] for index in kept]
+
+
+def _odd_rows(
+    values: Mapping[str, Array],
+    spares: Mapping[str, Array],
+    stages: Sequence[str] | None,
+    table: RawTable,
+) -> dict[int, str]:
+    """Return rows whose values do not fit those of the others, by number.
+
+    Args:
+        values: SI values by quantity.
+        spares: the same of columns that say the same again.
+        stages: of the rows, on which the speed ratio depends; None where no column names them.
+        table: where they stand.
+    """
+    odd = odd_oil(values) | odd_ratios(values, stages)
+    odd |= contradicting_tests({**spares, **values})
+    return {table.rows[index]: reason for index, reason in odd.items()}
 
 
 def _bench(
@@ -295,8 +463,10 @@ def _rows(values: Mapping[str, Array], kept: Sequence[int]) -> dict[str, Array]:
 def _refuse_shared_columns(columns: Mapping[str, Column], table: RawTable) -> None:
     names = [column.name for column in columns.values()]
     for quantity, column in columns.items():
+        if names.count(column.name) == 1:
+            continue
         constant = set(table.columns[column.name]) == {column.name}
-        if names.count(column.name) > 1 and not constant:
+        if not constant:
             raise InputError(f"{quantity}: column {column.name!r} is named twice")
 
 
@@ -335,14 +505,42 @@ def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) 
     missing = missing_quantities({*columns})
     if not missing:
         return ""
-    needs = f"no column is named for {', '.join(missing)}"
-    if not notes:
-        return needs
-    shown = ", ".join(table.columns)
+    hints = [*notes, *_hints_of_names(table)]
+    if not hints:
+        return f"no column is named for {', '.join(missing)}"
+    names = list(table.columns)
+    shown = ", ".join(names[:_MOST_SHOWN])
+    if len(names) > _MOST_SHOWN:
+        shown += f" and {len(names) - _MOST_SHOWN} more"
     return (
         f"{table.source}: header in row {table.header_row}: {shown}; missing is "
-        f"{', '.join(missing)}; {'; '.join(notes)}"
+        f"{', '.join(missing)}; {'; '.join(hints)}"
     )
+
+
+def _hints_of_names(table: RawTable) -> list[str]:
+    """Return what is wrong with the names of the columns: numbers, or none."""
+    named = [name for name, cells in table.columns.items() if set(cells) != {name}]
+    numbers = [name for name in named if is_number(name)]
+    if numbers and len(numbers) == len(named):
+        return [
+            f"row {table.header_row} holds numbers, so that nothing names the columns: "
+            f"name all {len(numbers)}, each with its unit, as in --names "
+            "'engine speed [rpm],load torque [Nm],efficiency [%]'"
+        ]
+    if len(numbers) > _FEWEST_MATRIX_COLUMNS:
+        return [
+            f"row {table.header_row} holds numbers, as that of a map over two axes does: "
+            "write one row for each of its points, or name rows, columns and cells, as in "
+            "--matrix 'engine speed [rpm],load torque [Nm],efficiency [%]'"
+        ]
+    hints = []
+    for name in table.without_name:
+        hints.append(
+            f"column {name!r} has no name: an option may name it "
+            f"({option('efficiency', name)})"
+        )
+    return hints
 
 
 def _values(quantity: str, column: Column, table: RawTable) -> Array:
@@ -364,18 +562,20 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
         raise InputError(f"{table.source}: {question}")
     kind = kind_of(quantity)
     taken = to_si(kind, unit)
-    numbers = read_numbers(table.columns[name], style.comma)
+    numbers = table.numbers(name)
     below = unit_of(table.units.get(name, ""))
     stated = []
     if below is not None:
         stated.append(("of units", below.name))
     for other in numbers.units:
+        if other == _PERCENT and unit == "-":
+            continue  # each cell says by its sign whether it is in percent
         stated.append((_row_with_unit(table, name, other), other))
     for row, other in stated:
         if other == "-" and kind != "part":
             continue  # a dash in a row of units stands for none
         try:
-            same = to_si(kind, other) == taken
+            same = to_si(kind, other) == to_si(kind, unit.partition("@")[0])
             cure = f"; write {name}:{other}"
         except KeyError:
             same = False
@@ -386,7 +586,16 @@ def _values(quantity: str, column: Column, table: RawTable) -> Array:
                 f"not in {unit}{cure}"
             )
     size, zero = taken
-    return np.asarray(size * (numbers.values - zero))
+    values = np.asarray(size * (numbers.values - zero))
+    if _PERCENT in numbers.units and unit == "-":
+        in_percent = _ends_with(table.columns[name], _PERCENT)
+        values = np.where(in_percent, 0.01 * values, values)
+    return values
+
+
+def _ends_with(cells: Sequence[str], sign: str) -> list[bool]:
+    """Return which cells end with a sign."""
+    return [cell.endswith(sign) for cell in cells]
 
 
 def _row_with_unit(table: RawTable, name: str, unit: str) -> str:
@@ -437,7 +646,12 @@ def _drop_empty(
     return notes
 
 
-def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
+def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> list[str]:
+    """Return a note where rows as alike as those of a recording are tests.
+
+    Raises:
+        InputError: the rows are those of a recording, or look like it.
+    """
     for name in table.columns:
         meaning = meaning_of(name, table.units.get(name, ""))
         if meaning.kind != "time":
@@ -451,12 +665,18 @@ def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> None:
                 f"{table.source}: column {name!r} looks like that of a recording: "
                 "name it by --stamp, or give --averaged"
             )
-    if looks_recorded(values):
+    recorded = looks_recorded(values)
+    even = even_columns(table) if recorded else []
+    if recorded and len(even) < _FEWEST_EVEN:
         raise InputError(
             f"{table.source}: its {len(table.rows)} rows change as little from one to the "
             "next as a recording does: name the column of its time by --stamp, or give "
             "--averaged if each row is a steady test"
         )
+    if recorded:
+        listed = ", ".join(map(repr, even[:_MOST_SHOWN]))
+        return [f"each row is a test, not a reading: {listed} go in equal steps"]
+    return []
 
 
 def _from_recording(
@@ -470,13 +690,20 @@ def _from_recording(
     """Make a bench sample of each steady window, as of a bag."""
     if not unchecked:
         spares = _all_values(proposal.spares, table)
-        _refuse_contradictions(values, spares, values, columns, table)
+        _refuse_contradictions(
+            values, spares, values, columns, table, extra.get("stage")
+        )
     windows = cut(values, extra, table.source)
+    stages = windows.stages if "stage" in extra else None
     if not unchecked:
-        _refuse_contradictions(windows.columns, {}, windows.columns, columns, table)
-    stages = {"stage": windows.stages} if "stage" in extra else {}
+        _refuse_contradictions(
+            windows.columns, {}, windows.columns, columns, table, stages
+        )
     samples = BenchSamples(
-        **windows.columns, extra=stages, source=table.source, sha256=table.sha256
+        **windows.columns,
+        extra={} if stages is None else {"stage": stages},
+        source=table.source,
+        sha256=table.sha256,
     )
     notes = [*proposal.notes, *proposal.assumed, *windows.notes]
     if table.broken:
@@ -494,9 +721,14 @@ def _refuse_contradictions(
     values: Mapping[str, Array],
     columns: Mapping[str, Column],
     table: RawTable,
+    stages: Sequence[str] | None,
+    confirmed: Collection[str] = (),
 ) -> None:
     """Raise an `InputError` where values contradict each other or look like another unit."""
-    problems = [*contradictions(stated, spares), *implausible(values, columns)]
+    problems = contradictions(stated, spares)
+    problems += implausible(values, columns, confirmed)
+    if not problems:
+        problems += exchanged_shafts(stated, columns, stages)
     if problems:
         raise InputError(
             f"{table.source}: {'; '.join(problems)} (name column and unit, or --unchecked "
@@ -515,10 +747,27 @@ def _rows_message(left_out: Sequence[str]) -> str:
 
 
 def _bad_rows(
-    values: Mapping[str, Array], columns: Mapping[str, Column], table: RawTable
+    values: Mapping[str, Array],
+    columns: Mapping[str, Column],
+    table: RawTable,
+    no_tests: Collection[int],
 ) -> dict[int, str]:
-    """Return what is wrong with rows, by number."""
-    bad = dict(table.broken) | _repeated_rows(table) | _summary_rows(table)
+    """Return what is wrong with rows, by number.
+
+    Args:
+        values: SI values by quantity, shape (n,) each.
+        columns: where they stand.
+        table: as text.
+        no_tests: numbers of the rows that hold no test beyond doubt.
+    """
+    with_text = np.zeros(len(table.rows), dtype=bool)
+    for quantity in set(columns) - {"stamp", "stage"}:
+        with_text |= np.isnan(values[quantity])
+    bad = dict(table.broken)
+    bad |= header_rows(table, np.flatnonzero(with_text).tolist())
+    bad |= _repeated_rows(table)
+    for row, reason in summary_rows(table).items():
+        bad.setdefault(row, reason)
     for quantity, column in values.items():
         limits = RANGES[quantity]
         remark = _COMPUTED
@@ -533,15 +782,16 @@ def _bad_rows(
                 if cell.lower() not in ("nan", "inf"):
                     bad.setdefault(table.rows[index], no_number(name, cell))
         elif quantity == "efficiency":
-            suspect = suspect_efficiency(column)
-            if suspect:
-                remark = f"{_COMPUTED}; are {suspect} mixed up?"
+            causes = causes_of_efficiency(values)
+            if causes:
+                remark = f"{_COMPUTED}; are {causes}?"
         outside = {
             table.rows[index]: limits.complaint(column[index])
             for index in np.flatnonzero(~limits.contains(column)).tolist()
-            if table.rows[index] not in bad
+            if table.rows[index] not in bad and table.rows[index] not in no_tests
         }
-        if outside and 2 * len(outside) > len(column) - len(bad):
+        others = bad.keys() | no_tests
+        if outside and 2 * len(outside) > len(column) - len(others):
             row = min(outside)  # the column or its unit is wrong
             raise InputError(f"{table.source}: row {row}: {outside[row]}{remark}")
         bad |= outside
@@ -558,34 +808,3 @@ def _repeated_rows(table: RawTable) -> dict[int, str]:
         if earlier != number:
             repeated[number] = f"copies row {earlier}"
     return repeated
-
-
-def _is_mean_of_rows_above(table: RawTable) -> bool:
-    """Return whether the last row is the mean of all others, in columns enough to tell."""
-    compared = 0
-    for name, cells in table.columns.items():
-        values = read_numbers(cells, table.styles[name].comma).values
-        above = values[:-1]
-        spread = np.ptp(above) if len(above) >= _FEWEST_AVERAGED else 0.0
-        if not np.isfinite(values).all() or spread == 0.0:
-            continue
-        if abs(values[-1] - above.mean()) > _MEAN_WIDTH * spread:
-            return False
-        compared += 1
-    return compared >= _FEWEST_MEAN_COLUMNS
-
-
-def _summary_rows(table: RawTable) -> dict[int, str]:
-    """Return rows of means, maxima and the like."""
-    summaries: dict[int, str] = {}
-    for cells in table.columns.values():
-        words = {cell for cell in set(cells) if cell and not is_number(cell)}
-        statistics = {word for word in words if STATISTIC.fullmatch(word)}
-        if not statistics:
-            continue
-        for number, cell in zip(table.rows, cells, strict=True):
-            if cell in statistics:
-                summaries.setdefault(number, f"{cell!r} is no test")
-    if _is_mean_of_rows_above(table):
-        summaries.setdefault(table.rows[-1], "is the mean of the rows above")
-    return summaries

@@ -22,6 +22,8 @@ from .steady import (
     split_at_gaps,
     steady_tests,
 )
+from .tables.header import RawTable
+from .tables.numbers import last_digit
 from .tables.proposal import RANGES
 
 _RECORDED = 100
@@ -32,6 +34,9 @@ _SLOW_RECORDED = 40
 _SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
 _REGULAR = 0.2  # part by which the steps of a clock differ from their median
 _SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
+_SETTINGS = 3
+_SWEPT = 100
+"""Fewest settings of a grid, and the most points of the sweep at one of them."""
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 _SPARSE = 0.5
 """Share of complete rows below which signals are joined by time."""
@@ -91,7 +96,61 @@ def is_smooth(values: Mapping[str, Array]) -> bool:
 def looks_recorded(values: Mapping[str, Array]) -> bool:
     """Return whether rows without a time are so many and so alike that they are a recording."""
     rows = min(len(column) for column in values.values())
-    return rows >= _RECORDED and is_smooth(values)
+    return rows >= _RECORDED and is_smooth(values) and not is_grid(values)
+
+
+def even_columns(table: RawTable) -> list[str]:
+    """Return the columns that go in equal steps to the last digit, as in a computed curve.
+
+    Readings of meters do not. The step to an end of the range may differ, and a number that only
+    counts the rows is left aside.
+    """
+    names = []
+    for name, cells in table.columns.items():
+        values = table.numbers(name).values[1:-1]
+        if len(values) < _RECORDED - 2 or not np.all(np.isfinite(values)):
+            continue
+        step = (values[-1] - values[0]) / (len(values) - 1)
+        comma = table.styles[name].comma
+        # Cells may be written without zeros at their end, so that the finest one tells.
+        digit = min(last_digit(cell, comma) for cell in cells[1:_FORMATTED])
+        line = values[0] + step * np.arange(len(values))
+        is_count = abs(step) == 1.0
+        is_even = np.all(np.abs(values - line) <= digit)
+        if is_even and abs(step) > _LEAST_STEP * digit and not is_count:
+            names.append(name)
+    return names
+
+
+_FORMATTED = 20
+"""Cells by which the last digit of a column is judged."""
+_LEAST_STEP = 2.0
+"""Last digits that an even step has at least: rounding hides the noise of smaller ones."""
+
+
+def is_grid(values: Mapping[str, Array]) -> bool:
+    """Return whether rows go through a grid: one quantity set, another one swept at each setting.
+
+    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins anew
+    at each. A sweep of more rows than a bench takes points is a ramp of a recording.
+    """
+    for name, column in values.items():
+        starts = np.flatnonzero(np.diff(column) != 0.0) + 1
+        settings = len(starts) + 1
+        if settings < _SETTINGS or len(np.unique(column)) != settings:
+            continue
+        if len(column) > _SWEPT * settings:
+            continue
+        within = np.delete(np.arange(1, len(column)), starts - 1)
+        for other, swept in values.items():
+            steps = np.diff(swept)
+            if other == name or not within.size or not np.all(np.isfinite(steps)):
+                continue
+            for sign in (1.0, -1.0):
+                rises = sign * steps > 0.0
+                if rises[within - 1].all() and not rises[starts - 1].any():
+                    return True
+    return False
 
 
 def cut(
@@ -108,6 +167,60 @@ def cut(
         InputError: no window is steady and in range.
     """
     rows = len(values["stamp"])
+    part = windows_of(values, extra.get("stage", [""] * rows), source)
+    kept = part.kept
+    note = (
+        f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
+        f"{part.limits.min_duration:g} s and more (--averaged takes each row as a test); "
+        f"{part.out_of_range} windows out of range and {part.incomplete} rows "
+        "without a number left out"
+    )
+    if not kept:
+        raise InputError(f"{source}: {note}{_no_window(part.span, part.limits)}")
+    notes = [note, *part.notes]
+    not_averaged = [name for name in _NOT_AVERAGED if name in values]
+    not_averaged += [name for name in extra if name != "stage"]
+    if not_averaged:
+        notes.append(f"not averaged, left out: {', '.join(not_averaged)}")
+    columns = bench_columns([sample for _, sample in kept])
+    if "output_speed" not in values:
+        columns.pop("output_speed", None)
+    return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+
+
+class Windows(NamedTuple):
+    """Steady windows of a recording, or of a part of it.
+
+    Attributes:
+        kept: stage and averages of each window that makes a bench sample.
+        out_of_range: windows that make none.
+        incomplete: rows that lack a number.
+        span: time that the usable rows cover [s].
+        limits: when a window counts as steady.
+        notes: what was left out or joined.
+    """
+
+    kept: list[tuple[str, dict[str, float]]]
+    out_of_range: int
+    incomplete: int
+    span: float
+    limits: Steadiness
+    notes: tuple[str, ...]
+
+
+def windows_of(
+    values: Mapping[str, Array], stage_of_row: Sequence[str], source: str
+) -> Windows:
+    """Find the steady windows of a recording.
+
+    Args:
+        values: SI values with `stamp`, shape (n,) each, NaN where a cell holds none.
+        stage_of_row: stage engaged, n of them.
+        source: name of the file, for messages.
+
+    Raises:
+        InputError: no row holds all quantities.
+    """
     signals, out_of_range = _in_range(_averaged_signals(values))
     needed = [name for name in signals if name != "oil_temperature"]
     time = values["stamp"]
@@ -118,31 +231,23 @@ def cut(
     usable = complete & (joined["engine_speed"] > 0.0)
     if not usable.any():
         raise InputError(f"{source}: {_no_row(time, signals, needed)}")
-    stages = np.array(extra.get("stage", [""] * rows))[usable]
+    stages = np.array(stage_of_row)[usable]
     readings = _readings(time[usable], {n: c[usable] for n, c in joined.items()})
     block = max(1.0, 4.0 * _median_step(readings.time))
     limits = Steadiness(max(5.0, 3.0 * block), block)
     tests = _tests_by_stage(readings, stages, limits)
     kept = [(stage, sample) for stage, sample in tests if complaint(sample) is None]
-    note = (
-        f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
-        f"{limits.min_duration:g} s and more (--averaged takes each row as a test); "
-        f"{len(tests) - len(kept)} windows out of range and {np.sum(~usable)} rows "
-        "without a number left out"
-    )
-    if not kept:
-        raise InputError(f"{source}: {note}{_no_window(readings, limits)}")
-    notes = [note, *out_of_range]
+    notes = list(out_of_range)
     if joined is not signals:
         notes.append("signals of rows of their own were joined by time")
-    not_averaged = [name for name in _NOT_AVERAGED if name in values]
-    not_averaged += [name for name in extra if name != "stage"]
-    if not_averaged:
-        notes.append(f"not averaged, left out: {', '.join(not_averaged)}")
-    columns = _bench_columns([sample for _, sample in kept])
-    if "output_speed" not in values:
-        columns.pop("output_speed", None)
-    return Cut(columns, tuple(stage for stage, _ in kept), tuple(notes))
+    return Windows(
+        kept,
+        len(tests) - len(kept),
+        int(np.sum(~usable)),
+        readings.span,
+        limits,
+        tuple(notes),
+    )
 
 
 _NOT_AVERAGED = ("pressure", "efficiency_std")
@@ -170,7 +275,7 @@ def _tests_by_stage(
     return tests
 
 
-def _bench_columns(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def bench_columns(samples: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the columns of samples that have the same keys."""
     columns = {}
     for name in samples[0]:
@@ -278,10 +383,10 @@ def _no_row(time: Array, signals: Mapping[str, Array], needed: Sequence[str]) ->
     )
 
 
-def _no_window(readings: Readings, limits: Steadiness) -> str:
-    if readings.span >= limits.min_duration:
+def _no_window(span: float, limits: Steadiness) -> str:
+    if span >= limits.min_duration:
         return "; nothing stays steady for so long"
-    return f"; it lasts {readings.span:.3g} s"
+    return f"; it lasts {span:.3g} s"
 
 
 def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
@@ -292,6 +397,9 @@ def powers(values: Mapping[str, Array]) -> tuple[NDArray[np.float64], Array]:
     """
     if "load_torque" in values:
         out = values["load_torque"] * values["engine_speed"]
+    elif "torque_loss" in values and "engine_torque" in values:
+        remaining = values["engine_torque"] - values["torque_loss"]
+        out = remaining * values["engine_speed"]
     elif "output_torque" in values:
         out = values["output_torque"] * values["output_speed"]
     elif "output_power" in values:

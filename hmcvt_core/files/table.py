@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..transmission.ranges import Array, Range
-from .tables.numbers import no_number
+from .tables.numbers import is_number, no_number
 from .tables.reading import read_text, split_rows
 
 # A comma that cannot set thousands apart, as in 0,643 or 78,54, and a point that is one.
@@ -25,6 +26,8 @@ _COMMA = re.compile(
     r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?|[+-]?\d{1,3}(\.\d{3})+,\d+"
 )
 _POINT = re.compile(r"[+-]?(\d*\.\d+|\d+\.)([eE][+-]?\d+)?")
+_MOST_TITLES = 5
+"""Rows of titles above a header."""
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
 
@@ -106,6 +109,12 @@ def read_plain(
             needs = f"; needs columns {', '.join(required)}"
         raise InputError(f"{path}: is empty{needs}")
     header = [name_of(cell) for cell in rows[top - 1]]
+    nameless = [str(number) for number, name in enumerate(header, 1) if not name]
+    if len(nameless) > 1:
+        raise InputError(
+            f"{path}: row {top}: columns {', '.join(nameless)} have no name: name them, or "
+            "delete them"
+        )
     for name in header:
         if header.count(name) > 1:
             raise InputError(f"{path}: row {top}: column {name!r} stands there twice")
@@ -132,11 +141,24 @@ def _first_line(text: str) -> str:
 
 
 def _header_row(rows: Sequence[list[str]]) -> int:
-    """Return the first row that is neither empty nor a comment, from 1; 0 for none."""
+    """Return the row of the header, from 1; 0 for none.
+
+    It is the first row that is neither empty nor a comment, and no title: that leaves most cells
+    empty, and a row of names stands below it.
+    """
+    filled = []
     for number, row in enumerate(rows, 1):
         if any(row) and row[0][:1] != "#":
+            filled.append(number)
+        if len(filled) > _MOST_TITLES:
+            break
+    for number, following in pairwise(filled):
+        row = rows[number - 1]
+        below = rows[following - 1]
+        is_title = 2 * sum(map(bool, row)) <= len(row)
+        if not (is_title and all(below) and not any(map(is_number, below))):
             return number
-    return 0
+    return filled[0] if filled else 0
 
 
 def _table(

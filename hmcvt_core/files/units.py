@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..transmission.ranges import OIL_TEMPERATURE, Array, Range
 from .table import Table, read_plain
+from .tables.agreement import NEEDED, agree, agreeing_units
 from .tables.rules import unit_bench_meaning
 from .tables.units import holds_units, to_si, unit_of
 
@@ -37,6 +38,15 @@ _SHORT = {
     "mechanical": "mechanical_efficiency",
     "overall": "overall_efficiency",
     "total_efficiency": "overall_efficiency",
+    "etav": "volumetric_efficiency",
+    "eta_v": "volumetric_efficiency",
+    "etam": "mechanical_efficiency",
+    "eta_m": "mechanical_efficiency",
+    "eta_hm": "mechanical_efficiency",
+    "etat": "overall_efficiency",
+    "eta_t": "overall_efficiency",
+    "qout": "flow",
+    "q_out": "flow",
 }
 _QUANTITIES: Mapping[str, str] = MappingProxyType(
     {
@@ -114,6 +124,8 @@ _AGREEMENT = 0.05
 meters differ by 1 %, and a wrong unit or displacement by more."""
 READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
 """Quantities that a bench may read, the one in which a gap is measured first."""
+_SAME_DISPLACEMENT = 1e-6
+"""Part by which the displacements of one unit at full stroke differ between rows at most."""
 TELLING = 1e5
 """Pressure below which a mechanical efficiency tells no torque [Pa]."""
 
@@ -135,6 +147,7 @@ class UnitSamples:
         source, sha256: of the file.
         drain_flow: from the case to the tank [m3/s], or None.
         electric_power: of the motor that drives a pump [W], or None.
+        notes: what was concluded on reading the file.
     """
 
     kind: str
@@ -150,6 +163,7 @@ class UnitSamples:
     sha256: str = ""
     drain_flow: Array | None = None
     electric_power: Array | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -194,10 +208,11 @@ class UnitSamples:
             channel: one of `channels`.
         """
         part = METER_DEVIATION if self.noise is None else self.noise
+        reading = np.abs(self.meter_reading(channel))
         if channel == "torque_loss":
             gauge = _GAUGE_DEVIATION / np.maximum(self.pressure, 1.0)
-            part = np.hypot(part, gauge)
-        return np.asarray(part * np.abs(self.meter_reading(channel)))
+            return np.asarray(np.hypot(part, gauge) * reading)
+        return np.asarray(part * reading)
 
     def meter_reading(self, channel: str) -> Array:
         """Return what the meter of a channel reads, the loss no longer taken off, shape (n,).
@@ -248,6 +263,7 @@ def read_unit(
     *,
     kind: str | None = None,
     unit: str | None = None,
+    displacement: str | None = None,
     noise: float | None = None,
 ) -> UnitSamples:
     """Read the tests of one unit from CSV, or a maker's table; its columns are in docs/units.md.
@@ -258,6 +274,8 @@ def read_unit(
         path: CSV file, as `read_bench` takes it.
         kind: `pump` or `motor`, where no column says so.
         unit: which one, of several.
+        displacement: at full stroke, with its unit, as `"56 cm3"`; a column of displacements
+            that differ then gives the stroke.
         noise: standard deviation of flow and torque, as a part.
 
     Raises:
@@ -271,12 +289,24 @@ def read_unit(
     given = {cell.strip().lower() for cell in cells.columns.get("kind", [])}
     if kind is not None:
         given.add(kind)
+    concluded = []
+    if not given:
+        concluded = _kinds_that_agree(cells, units)
+    if len(concluded) == 1:
+        given.update(concluded)
     if len(given) != 1 or not given <= set(KINDS):
         stated = " and ".join(sorted(given)) or "missing"
         raise InputError(
             f"{cells.source}: kind is {stated}; needs one of {', '.join(KINDS)}, "
             "in a column or by --kind"
         )
+    notes = _take_agreeing_units(cells, units, sign_of(next(iter(given))))
+    if concluded:
+        notes.append(
+            f"taken as a {concluded[0]}: only so flow and torque agree with the efficiencies"
+        )
+    if displacement is not None:
+        cells = _with_stroke(cells, units, displacement)
     values = _numbers(cells, units)
     nothing = np.zeros(len(cells.rows))
     samples = UnitSamples(
@@ -293,6 +323,7 @@ def read_unit(
         sha256=cells.sha256,
         drain_flow=values.get("drain_flow"),
         electric_power=values.get("electric_power"),
+        notes=tuple(notes),
     )
     if set(_EFFICIENCIES) <= values.keys():
         _require_in_place(samples, *(values[name] for name in _EFFICIENCIES))
@@ -305,6 +336,100 @@ def read_unit(
     if flow_loss is not None and torque_loss is not None:
         _refuse_other_routes(samples, cells, units)
     return samples
+
+
+def _take_agreeing_units(cells: Table, units: dict[str, str], sign: float) -> list[str]:
+    """Complete the units of a table that states none where its quantities show them.
+
+    Args:
+        cells: of the table.
+        units: of its columns, `""` where none is stated; changed in place.
+        sign: 1 for a pump, -1 for a motor.
+
+    Returns:
+        A note on the units taken; none where the table states its units or leaves them open.
+    """
+    stated = any(units.get(name) for name in _QUANTITIES)
+    if stated or not set(NEEDED) <= cells.columns.keys():
+        return []
+    readings = {name: cells.numbers(name) for name in NEEDED}
+    sets = agreeing_units(readings, sign, _AGREEMENT)
+    if len(sets) != 1:
+        return []
+    taken = sets[0]
+    for name, kind in _QUANTITIES.items():
+        if name in cells.columns and kind in taken:
+            units[name] = taken[kind]
+    listed = ", ".join(f"{kind} in {unit}" for kind, unit in taken.items())
+    return [
+        f"no column states its unit; flow and torque agree with the efficiencies only with "
+        f"{listed}"
+    ]
+
+
+def _kinds_that_agree(cells: Table, units: Mapping[str, str]) -> list[str]:
+    """Return the kinds of unit for which flow and torque agree with the efficiencies.
+
+    Args:
+        cells: of the table; empty where a quantity of both is missing.
+        units: of its columns, `""` where none is stated.
+    """
+    if not set(NEEDED) <= cells.columns.keys():
+        return []
+    kinds = []
+    for kind in KINDS:
+        if any(units.get(name) for name in NEEDED):
+            values = {name: _in_si(name, cells, units) for name in NEEDED}
+            agreeing = agree(values, sign_of(kind), _AGREEMENT)
+        else:
+            readings = {name: cells.numbers(name) for name in NEEDED}
+            agreeing = bool(agreeing_units(readings, sign_of(kind), _AGREEMENT))
+        if agreeing:
+            kinds.append(kind)
+    return kinds
+
+
+def _with_stroke(cells: Table, units: dict[str, str], displacement: str) -> Table:
+    """Return the table with the full displacement, and with the stroke where it differs.
+
+    Args:
+        cells: of the table.
+        units: of its columns; changed in place.
+        displacement: at full stroke, with its unit.
+    """
+    full = _full_displacement(displacement)
+    columns = dict(cells.columns)
+    if "displacement" in columns and "displacement_ratio" not in columns:
+        strokes = _in_si("displacement", cells, units) / full
+        columns["displacement_ratio"] = [repr(stroke) for stroke in strokes.tolist()]
+        units["displacement_ratio"] = ""
+    elif "displacement" in columns:
+        stated = _in_si("displacement", cells, units)
+        if np.any(abs(stated / full - 1.0) > _SAME_DISPLACEMENT):
+            raise InputError(
+                f"{cells.source}: --displacement {displacement} differs from column "
+                "displacement, and column displacement_ratio states the stroke"
+            )
+    columns["displacement"] = [repr(full)] * len(cells.rows)
+    units["displacement"] = ""
+    return replace(cells, columns=columns)
+
+
+def _full_displacement(text: str) -> float:
+    """Return a displacement with its unit, as `56 cm3`, in m3/rad."""
+    match = re.fullmatch(r"\s*([\d.]+(?:[eE][+-]?\d+)?)[\s:]*(\S+)\s*", text)
+    unit = unit_of(match[2]) if match is not None else None
+    if match is None or unit is None or unit.kind != "displacement":
+        raise InputError(
+            f"displacement is {text!r}; it needs a number and its unit, as in 56:cm3"
+        )
+    size, _ = to_si("displacement", unit.name)
+    try:
+        return size * float(match[1])
+    except ValueError:
+        raise InputError(
+            f"displacement is {text!r}: {match[1]!r} is no number"
+        ) from None
 
 
 def _refuse_other_routes(
@@ -473,7 +598,7 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
 def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
     """Return the quantities that the losses are made of, in SI units."""
     present = set(cells.columns)
-    pressure = ("pressure",)
+    pressure: tuple[str, ...] = ("pressure",)
     if "pressure" not in present and set(_PORTS) <= present:
         pressure = _PORTS
     needed = ["displacement", "speed", *pressure, *_readings(present)]
@@ -495,9 +620,11 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
         cells.require_range(values[name], limits)
         if name == "outlet_pressure":
             values["pressure"] = np.abs(values[name] - values["inlet_pressure"])
-    if np.ptp(values["displacement"]) > 1e-6 * values["displacement"][0]:
+    if np.ptp(values["displacement"]) > _SAME_DISPLACEMENT * values["displacement"][0]:
         raise InputError(
-            f"{cells.source}: displacement differs between rows: one unit at a time"
+            f"{cells.source}: displacement differs between rows: one unit at a time. Where "
+            "they are strokes of one unit, state its displacement at full stroke: add "
+            f"--displacement {_largest_displacement(cells, units)}"
         )
     if (highest := values["pressure"].max()) < _LEAST_PRESSURE:
         raise InputError(
@@ -505,6 +632,14 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
             f"{_LEAST_PRESSURE:g}: is it in bar or MPa? (pressure_bar)"
         )
     return values
+
+
+def _largest_displacement(cells: Table, units: Mapping[str, str]) -> str:
+    """Return the largest displacement of a table, rounded up, as an option takes it."""
+    largest = float(cells.numbers("displacement").max())
+    digits = 3 - int(np.floor(np.log10(largest)))
+    rounded = np.ceil(largest * 10.0**digits) / 10.0**digits
+    return f"{rounded:.6g}:{units['displacement'] or 'm3/rad'}"
 
 
 def _readings(present: set[str]) -> tuple[str, ...]:

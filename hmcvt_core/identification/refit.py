@@ -9,6 +9,9 @@
 3. `cross_validation`: whether the refit predicts samples that it has not seen as well as the model
    in service does.
 4. `_CHECKS`: the first objection keeps the refit from service, see `Refit.refused`.
+5. `_DOUBTS`: what a person has to decide, see `Refit.doubt`. Whoever controls most of the samples
+   controls the refit, so that a change beyond wear, or a contradiction among the samples, is not
+   adopted by a program.
 """
 
 from collections.abc import Callable
@@ -21,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
-from ..model.accuracy import carried_at, mean_error
+from ..model.accuracy import carried_at, mean_error, relative_errors
 from ..model.checks import require_model, require_samples
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
@@ -37,7 +40,7 @@ from .cross_validation import (
 )
 from .provenance import origin
 from .remarks import undetermined
-from .robust import RobustProblem
+from .robust import MEDIAN_TO_DEVIATION, RobustProblem
 from .set_aside import MOST_SET_ASIDE, set_aside_remarks
 from .update import Update
 
@@ -48,8 +51,28 @@ MAX_DRIFT = 0.10
 dampings have grown by half lies 3 to 6 points below a new one; one that is further off is another
 unit, or its bench is wrong."""
 
+MAX_CHANGE = 0.05
+"""Largest change of an efficiency within the domain that is adopted without a person [-]: a unit
+whose leakage has grown by half and whose dampings have grown by a fifth lies 4 points below."""
+
 _NOTICED = 0.01  # change of an efficiency that has to be supported by the samples
 _CERTAIN = 2.0  # standard errors
+_CERTAIN_TREND = 4.0  # standard errors; a false alarm in 1 of 16,000 campaigns
+_FEWEST_FOR_A_TREND = 8  # samples
+_FEWEST_FOR_NOISE = 20  # samples, for a standard deviation good to a sixth
+_FALSE_ALARM = 0.01  # chance that honest samples scatter so much more
+_SHARES = np.linspace(
+    0.02, 0.6, 30
+)  # of the samples that may be of the model in service
+_FAR_FROM_BOTH = 1e-3  # likelihood of a sample of neither state
+_CERTAIN_MIXTURE = (
+    6.6  # twice the log likelihood ratio; false alarm in 1 of 200 campaigns
+)
+_BENCHES_DIFFER = 1.15  # noise of two campaigns; chosen on development campaigns
+_MEAN_TO_DEVIATION = (
+    1.2533  # mean of absolute values to standard deviation, normal distribution
+)
+_FEW_CONTRADICTIONS = 2  # one such reading is a mistake more often than not
 _NEAR_LIMIT = 0.5  # part of the limit of the drift from which it is reported
 _GRID = (11, 5, 5)
 """Points over displacement ratio, engine speed and load torque at which models are compared."""
@@ -64,6 +87,8 @@ class Refit:
         set_aside: samples that disagree with the rest, from 1 in their order.
         kept: sentences on what was kept from the model in service.
         refused: one line, the objection against adopting it; empty without any.
+        doubt: one line, why a person has to decide on a refit that is not refused; empty where none
+            has to.
         largest_change: of an efficiency within the domain, against the model in service [-].
         drift: mean change of the efficiency within the domain against the base model [-].
         warnings: sentences on the samples set aside and on what is left open.
@@ -78,6 +103,7 @@ class Refit:
     set_aside: tuple[int, ...]
     kept: tuple[str, ...]
     refused: str
+    doubt: str
     largest_change: float
     drift: float
     warnings: tuple[str, ...]
@@ -100,6 +126,7 @@ class Refit:
             "parameters": self.model.to_mapping()["parameters"],
             "set_aside": list(self.set_aside),
             "refused": self.refused or None,
+            "doubt": self.doubt or None,
             "largest_change": self.largest_change,
             "drift": self.drift,
             "error_before": self.error_before,
@@ -124,8 +151,8 @@ class Refit:
             f"{100 * self.error_after:.2f} % refined"
         )
         notes = [*self.kept, *self.warnings]
-        if self.refused:
-            notes.append(self.refused)
+        if self.refused or self.doubt:
+            notes.append(self.refused or self.doubt)
         lines.extend(f"note: {note}" for note in notes)
         return "\n".join(lines)
 
@@ -143,6 +170,8 @@ class _Candidate:
         others: for each fold, the refit to the samples outside it.
         held_back: the comparison on samples held back, if any.
         max_drift: largest mean change against `base` [-].
+        max_change: largest change that needs no person [-].
+        accepted: the model that a person accepted last.
     """
 
     samples: BenchSamples
@@ -153,6 +182,8 @@ class _Candidate:
     others: list[EfficiencyModel]
     held_back: CrossValidation | None
     max_drift: float
+    max_change: float
+    accepted: EfficiencyModel
 
     @cached_property
     def _intervals(self) -> list[tuple[float, float]]:
@@ -189,6 +220,13 @@ class _Candidate:
         return self._refitted - carried_at(self.served, self.grid)
 
     @cached_property
+    def change_since_accepted(self) -> Array:
+        """Of the efficiency against the model that a person accepted last, over the grid [-]."""
+        if not self.accepted.states_errors:
+            return np.zeros_like(self.change)
+        return self._refitted - carried_at(self.accepted, self.grid)
+
+    @cached_property
     def drift(self) -> float:
         """Mean change of the efficiency against the base model over the grid [-]."""
         return float(np.abs(self._refitted - carried_at(self.base, self.grid)).mean())
@@ -211,6 +249,8 @@ def refit(
     *,
     seed: int = 0,
     max_drift: float = MAX_DRIFT,
+    accepted: EfficiencyModel | None = None,
+    max_change: float = MAX_CHANGE,
 ) -> Refit:
     """Fit the model in service to samples.
 
@@ -221,6 +261,10 @@ def refit(
         seed: of the random numbers.
         max_drift: largest mean change of the efficiency against `base` within the domain [-]; not
             for a base that does not state its errors.
+        accepted: the model that a person accepted last, from which `max_change` counts too; the
+            base when left out.
+        max_change: largest change of an efficiency within the domain that needs no person [-]; not
+            for a model in service that does not state its errors.
 
     Raises:
         IdentificationError: fewer operating points than parameters, or no answer at the samples.
@@ -245,7 +289,16 @@ def refit(
     if others:
         held_back = cross_validate(used.samples, model, served, fold, others)
     candidate = _Candidate(
-        samples, belongs, served, base, model, others, held_back, max_drift
+        samples=samples,
+        belongs=belongs,
+        served=served,
+        base=base,
+        model=model,
+        others=others,
+        held_back=held_back,
+        max_drift=max_drift,
+        max_change=max_change,
+        accepted=accepted or base,
     )
     error_before = _error(served, samples)
     error_after = _error(model, samples)
@@ -259,7 +312,8 @@ def refit(
         model=replace(model, domain=candidate.domain, provenance=provenance),
         set_aside=tuple((candidate.aside + 1).tolist()),
         kept=update.kept(problem.prior),
-        refused=_first_objection(candidate),
+        refused=_first_objection(candidate, _CHECKS),
+        doubt=_doubt(candidate),
         largest_change=float(np.abs(candidate.change).max()),
         drift=candidate.drift,
         warnings=tuple(_warnings(candidate, used.samples, problem.predict(fit))),
@@ -361,7 +415,125 @@ def _too_much_drift(candidate: _Candidate) -> str | None:
     )
 
 
-_CHECKS: tuple[Callable[[_Candidate], str | None], ...] = (
+def _large_change(candidate: _Candidate) -> str | None:
+    # A model that does not state its errors is an example: it may be another unit.
+    if not candidate.served.states_errors:
+        return None
+    largest = max(
+        float(np.abs(candidate.change).max()),
+        float(np.abs(candidate.change_since_accepted).max()),
+    )
+    if largest <= candidate.max_change:
+        return None
+    return (
+        f"the refit would move the efficiency by up to {100 * largest:.1f} points, more than the "
+        f"{100 * candidate.max_change:.3g} points that are adopted without a person"
+    )
+
+
+def _contradiction(candidate: _Candidate) -> str | None:
+    """Object where samples that are set aside may be right and the majority wrong.
+
+    A mistake of a bench leads anywhere, mostly far away. Two readings that wear could explain may
+    be what is left of the unit among samples of another one.
+    """
+    if not candidate.served.states_errors:
+        return None
+    if candidate.belongs.all():
+        return None
+    aside = candidate.samples.select(~candidate.belongs)
+    misses = carried_at(candidate.model, aside.points) - aside.efficiency
+    explained = int((np.abs(misses) <= MAX_CHANGE).sum())
+    if explained < _FEW_CONTRADICTIONS:
+        return None
+    return (
+        f"{explained} samples that disagree with the others do so by less than "
+        f"{100 * MAX_CHANGE:.3g} points: they may be of this unit, and the others of another"
+    )
+
+
+def _two_states(candidate: _Candidate) -> str | None:
+    """Object where some samples agree with the model in service rather than with the refit.
+
+    The likelihood of a mixture of both is compared with that of the refit alone. Samples far from
+    both say nothing.
+    """
+    if not candidate.served.states_errors:
+        return None
+    samples = candidate.samples
+    misses = []
+    for model in (candidate.model, candidate.served):
+        predicted = carried_at(model, samples.points)
+        misses.append((predicted - samples.efficiency) / samples.efficiency)
+    scatter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(misses[0])))
+    refitted, served = (np.exp(-0.5 * (miss / scatter) ** 2) for miss in misses)
+    share = _SHARES[:, None]
+    mixture = np.log((1.0 - share) * refitted + share * served + _FAR_FROM_BOTH)
+    gain = mixture.sum(axis=1) - np.log(refitted + _FAR_FROM_BOTH).sum()
+    best = int(gain.argmax())
+    if 2.0 * gain[best] < _CERTAIN_MIXTURE:
+        return None
+    return (
+        f"about {100 * _SHARES[best]:.0f} % of the samples agree with the model in service rather "
+        "than with the refit: they may be of two states of the unit, or of two units"
+    )
+
+
+def _trend(candidate: _Candidate) -> str | None:
+    """Object to readings that drift over the log: the refit is then of no moment of it."""
+    used = candidate.samples.select(candidate.belongs)
+    if not candidate.served.states_errors or len(used) <= _FEWEST_FOR_A_TREND:
+        return None
+    misses = used.efficiency - carried_at(candidate.model, used.points)
+    order = np.linspace(-0.5, 0.5, len(used))
+    slope = float(order @ misses / (order @ order))
+    scatter = float(np.std(misses - slope * order, ddof=2))
+    error = scatter / float(np.sqrt(order @ order))
+    if abs(slope) < _NOTICED or abs(slope) < _CERTAIN_TREND * error:
+        return None
+    return (
+        f"the readings drift by {100 * slope:+.1f} points from the first sample to the last: "
+        "the refit would be a mean over that time"
+    )
+
+
+def _more_scatter(candidate: _Candidate) -> str | None:
+    """Object to samples that scatter more than those that the model in service was fitted to.
+
+    Samples of two units look like this where the units differ too little to be told apart one by
+    one.
+    """
+    provenance = candidate.served.provenance
+    count = provenance.get("samples")
+    error = provenance.get("fit_error")
+    if not isinstance(count, int) or not isinstance(error, float):
+        return None
+    samples = candidate.samples
+    predicted = carried_at(candidate.model, samples.points)
+    # What is further off is a mistake of the bench and no other state of the unit.
+    explained = np.abs(predicted - samples.efficiency) <= MAX_CHANGE
+    misses = relative_errors(predicted, samples.efficiency)[explained]
+    free = len(misses) - len(PARAMETER_NAMES)
+    if count < _FEWEST_FOR_NOISE or free < 1:
+        return None
+    from scipy.stats import f as fisher
+
+    known = _MEAN_TO_DEVIATION * error
+    scatter = float(np.sqrt((misses**2).sum() / free))
+    # Two units of like share flatten the middle of the distribution rather than its ends.
+    scatter = max(scatter, MEDIAN_TO_DEVIATION * float(np.median(misses)))
+    ratio = float(fisher.isf(_FALSE_ALARM, free, count - len(PARAMETER_NAMES)))
+    if not scatter > _BENCHES_DIFFER * known * np.sqrt(ratio):
+        return None
+    return (
+        f"the samples scatter by {100 * scatter:.2g} %, those of the model in service did by "
+        f"{100 * known:.2g} %: they may be of two states of the unit, or of another bench"
+    )
+
+
+_Check = Callable[[_Candidate], str | None]
+
+_CHECKS: tuple[_Check, ...] = (
     _no_majority,
     _worse_on_unseen_samples,
     _unsupported_change,
@@ -369,12 +541,29 @@ _CHECKS: tuple[Callable[[_Candidate], str | None], ...] = (
 )
 
 
-def _first_objection(candidate: _Candidate) -> str:
-    for check in _CHECKS:
+_DOUBTS: tuple[_Check, ...] = (
+    _large_change,
+    _contradiction,
+    _two_states,
+    _trend,
+    _more_scatter,
+)
+
+
+def _first_objection(candidate: _Candidate, checks: tuple[_Check, ...]) -> str:
+    for check in checks:
         objection = check(candidate)
         if objection is not None:
             return objection
     return ""
+
+
+def _doubt(candidate: _Candidate) -> str:
+    """Return why a person has to decide; a change that nobody notices needs none."""
+    changes = (candidate.change, candidate.change_since_accepted)
+    if max(float(np.abs(change).max()) for change in changes) <= _NOTICED:
+        return ""
+    return _first_objection(candidate, _DOUBTS)
 
 
 def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> list[str]:

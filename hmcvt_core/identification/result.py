@@ -15,6 +15,7 @@ from ..model.parameter_file import save_model
 from ..model.plausibility import gear_train_remarks
 from ..transmission.parameters import HydraulicParameters
 from ..transmission.ranges import Array
+from ..transmission.stage import CM3_PER_REV
 from .piecewise import HydraulicRoots
 
 
@@ -164,12 +165,15 @@ class Identification:
                 f"  {name:<14} {entry['value']:10.4g} +- "
                 f"{entry['standard_error']:.2g} {entry['unit']}"
             )
-        for stage, errors in self.alone.items():
-            spread = ", ".join(f"{error:.2g}" for error in errors.values())
+        for stage in self.stages:
+            if stage not in self.alone:
+                continue
+            spread = ", ".join(f"{error:.2g}" for error in self.alone[stage].values())
             yield f"  (samples of {stage} alone would leave standard errors of {spread})"
+        displacement = model.stage.pump_motor.motor_displacement
         yield (
-            "  (leakage holds for a displacement of "
-            f"{model.stage.pump_motor.motor_displacement:.4g} m3/rad, which is assumed)"
+            "  (leakage holds for the motor displacement of the transmission file, "
+            f"{displacement / CM3_PER_REV:.4g} cm3/rev)"
         )
         yield from self._error_lines()
 

@@ -67,6 +67,17 @@ def agreement(model: EfficiencyModel, samples: BenchSamples, seed: int) -> Agree
     return Agreement(belongs, expected, tuple(remarks))
 
 
+def _point(samples: BenchSamples, i: int) -> str:
+    """Return the operating point of a sample in words, with its stage."""
+    stage = ""
+    if samples.stage is not None:
+        stage = f"stage {samples.stage[i]}, "
+    return (
+        f"{stage}displacement ratio {samples.displacement_ratio[i]:.3g}, "
+        f"{samples.engine_speed[i]:.4g} rad/s, {samples.load_torque[i]:.4g} N m"
+    )
+
+
 def set_aside_remarks(
     samples: BenchSamples, aside: NDArray[np.intp], expected: Array
 ) -> list[str]:
@@ -86,7 +97,9 @@ def set_aside_remarks(
         if not np.isfinite(expected[i]):
             said = "the model of the rest has no answer at it"
         reading = f"{samples.efficiency[i]:.4g}"
-        remarks.append(f"{name} is set aside: it reads {reading}, {said}")
+        remarks.append(
+            f"{name} is set aside: it reads {reading}, {said} ({_point(samples, int(i))})"
+        )
     if len(aside) > _MOST_NAMED:
         remarks.append(
             f"{len(aside) - _MOST_NAMED} more samples are set aside like these"

@@ -69,10 +69,15 @@ class Domain:
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Return which values of one axis lie inside; a rounding error outside counts as inside."""
+        low, high = self.limits_with_slack(axis)
+        array = np.asarray(values, dtype=float)
+        return (array >= low) & (array <= high)
+
+    def limits_with_slack(self, axis: str) -> tuple[float, float]:
+        """Return the ends of one axis, a rounding error further apart."""
         low, high = getattr(self, axis)
         slack = _ROUNDING * max(abs(low), abs(high), 1.0)
-        array = np.asarray(values, dtype=float)
-        return (array >= low - slack) & (array <= high + slack)
+        return low - slack, high + slack
 
     def departures(
         self, displacement_ratio: float, engine_speed: float, load_torque: float
@@ -108,6 +113,16 @@ class Domain:
     def to_dict(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""
         return self.to_mapping()
+
+    def report(self) -> str:
+        """Return the interval of each axis as text."""
+        lines = []
+        for axis in POINT_RANGES:
+            low, high = getattr(self, axis.name)
+            unit = "" if axis.unit == "-" else f" {axis.unit}"
+            name = axis.name.replace("_", " ")
+            lines.append(f"{name:<18} {low:.4g} to {high:.4g}{unit}")
+        return "\n".join(lines)
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""

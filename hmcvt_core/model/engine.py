@@ -3,7 +3,7 @@
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,23 +12,37 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..files import picture, plain
+from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
+from ..files.tables.rules import meaning_of
+from ..files.tables.units import holds_units
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
 SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
+_SPECIFIC_UNIT = "g/kWh"
 _UNITS = {
     "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
     "torque": {"N m": 1.0, "Nm": 1.0},
     "fuel": {
         "kg/s": 1.0,
+        "g/s": 1e-3,
         "g/h": 1e-3 / 3600.0,
         "kg/h": 1.0 / 3600.0,
-        "g/kWh": 1e-3 / 3.6e6,
+        _SPECIFIC_UNIT: 1e-3 / 3.6e6,
     },
 }
+_MEANINGS = {
+    "engine_speed": ("engine_speed", "any_speed"),
+    "torque": ("engine_torque", "any_torque"),
+}
+"""Meanings of a column by other names, as `engine speed [rpm]`; of an engine there is one shaft."""
+_FUEL = re.compile(
+    r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
+)
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
 _GRAMS_PER_KWH = 3.6e9
@@ -71,6 +85,48 @@ class Engine:
         rate = np.where(known, fuel, np.nan)
         return rate if rate.ndim else float(rate)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tables of the engine as plain data for JSON."""
+        return {field.name: plain(getattr(self, field.name)) for field in fields(self)}
+
+    def report(self) -> str:
+        """Return speeds, full load, highest power and best point of the engine as text."""
+        power = self.speed * self.full_load
+        strongest = int(power.argmax())
+        turning = int(self.full_load.argmax())
+        specific = self.specific_fuel
+        row, column = np.unravel_index(int(np.nanargmin(specific)), specific.shape)
+        torque = self.load[column] * self.full_load[row]
+        return "\n".join(
+            [
+                f"{self.speed[0] / RPM:.0f} to {self.speed[-1] / RPM:.0f} r/min",
+                f"full load at most {self.full_load[turning]:.1f} N m, at "
+                f"{self.speed[turning] / RPM:.0f} r/min",
+                f"power at most {power[strongest] / 1e3:.1f} kW, at "
+                f"{self.speed[strongest] / RPM:.0f} r/min",
+                f"least fuel {specific[row, column]:.1f} g/kWh, at "
+                f"{self.speed[row] / RPM:.0f} r/min and {torque:.1f} N m",
+            ]
+        )
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the specific fuel over engine speed and torque, up to full load.
+
+        Args:
+            ax: matplotlib axes to draw on; a new figure when left out.
+
+        Returns:
+            The matplotlib figure.
+        """
+        return picture(self, ax=ax)
+
+    @property
+    def specific_fuel(self) -> Array:
+        """Fuel per energy at the points of the map, shape (n, m) [g/kWh]; NaN without torque."""
+        power = self.speed[:, None] * self.full_load[:, None] * self.load
+        positive = np.where(power > 0.0, power, np.nan)
+        return np.asarray(_GRAMS_PER_KWH * self.fuel / positive)
+
     @cached_property
     def _surface(self) -> Any:
         from scipy.interpolate import RectBivariateSpline
@@ -82,18 +138,23 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     """Read an engine: a table, or a YAML file that names one in its folder (`params/engine.yaml`).
 
     The table is CSV with the columns `engine_speed`, `torque` and `fuel`, each with its unit as in
-    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/h or g/kWh. At every speed the highest torque is
-    that of full load. Below the lowest the fuel goes on as a straight line (Willans).
+    `engine_speed [r/min]`; fuel in kg/s, kg/h, g/s, g/h or g/kWh. Other names are taken where each
+    says all, as `fuel consumption [g/h]` or `bsfc_g_per_kWh`, and units in a row below the names.
+    At every speed the highest torque is that of full load. Below the lowest the fuel goes on as a
+    straight line (Willans). Rows in which the engine is driven (torque below zero) are not used.
 
     Raises:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
-    cells = read_plain(_table_of(path))
-    speed, torque, fuel = (_column(cells, quantity) for quantity in _UNITS)
+    require_path(path, "path", "an engine file")
+    cells = _driving(_with_row_of_units(read_plain(_table_of(path), name_of=_plain)))
+    speed, _ = _column(cells, "engine_speed")
+    torque, _ = _column(cells, "torque")
+    fuel, unit = _column(cells, "fuel")
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
-    if any("g/kWh" in column for column in cells.columns):
+    if unit == _SPECIFIC_UNIT:
         fuel = fuel * speed * torque
     speeds = np.unique(speed)
     if len(speeds) < 2:
@@ -111,6 +172,48 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     load = np.unique(loads.round(9))
     grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
     return Engine(speeds, full_load, load, np.array(grid))
+
+
+def _plain(cell: str) -> str:
+    """Return a cell of a header without a mark of the program that wrote it.
+
+    VECTO begins its comments with `c`, ADVISOR the names of the engine (fuel converter) with `fc_`.
+    """
+    return re.sub(r"^(c\s+|fc_)(?=\S)", "", cell.strip())
+
+
+def _with_row_of_units(cells: Table) -> Table:
+    """Return the table with a row of units below the names as part of the names."""
+    if not cells.rows:
+        return cells
+    below = {name: _plain(column[0]) for name, column in cells.columns.items()}
+    if not holds_units(list(below.values())):
+        return cells
+    columns = {}
+    for name, column in cells.columns.items():
+        unit = below[name].strip("[]()")
+        columns[f"{name} [{unit}]"] = column[1:]
+    return replace(cells, columns=columns, rows=cells.rows[1:])
+
+
+def _driving(cells: Table) -> Table:
+    """Return the rows in which the engine drives, and whose fuel is known.
+
+    Raises:
+        InputError: in no row the torque is positive.
+    """
+    torque, _ = _column(cells, "torque")
+    _, unit = _column(cells, "fuel")
+    used = torque >= 0.0
+    if unit == _SPECIFIC_UNIT:
+        used = torque > 0.0  # no power, so that fuel per energy says nothing there
+    kept = np.flatnonzero(used).tolist()
+    if not np.any(torque > 0.0):
+        raise InputError(f"{cells.source}: no torque is positive")
+    columns = {}
+    for name, column in cells.columns.items():
+        columns[name] = [column[row] for row in kept]
+    return replace(cells, columns=columns, rows=[cells.rows[row] for row in kept])
 
 
 def _table_of(path: str | os.PathLike[str]) -> Path:
@@ -154,18 +257,58 @@ def _willans_line(
     return torques, rates
 
 
-def _column(cells: Table, quantity: str) -> Array:
-    """Numbers of a column `quantity [unit]` in SI; g/kWh as kg/J."""
+def _column(cells: Table, quantity: str) -> tuple[Array, str]:
+    """Return a column of a quantity with its unit in SI, and the unit; g/kWh as kg/J.
+
+    Raises:
+        InputError: the column is missing, two name the quantity, or the unit is not known.
+    """
     for column in cells.columns:
         match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
-        if match and match[1] in _UNITS[quantity]:
-            return cells.numbers(column) * _UNITS[quantity][match[1]]
-        if match:
-            raise InputError(
-                f"{cells.source}: {match[1]!r} is no unit of {quantity}; there is "
-                f"{', '.join(_UNITS[quantity])}"
-            )
+        if match is not None:
+            return _in_si(cells, column, match[1], quantity)
+    named = [column for column in cells.columns if _names(column, quantity)]
+    if len(named) > 1:
+        raise InputError(
+            f"{cells.source}: columns {' and '.join(named)} both name {quantity}: call "
+            f"one {quantity} [unit]"
+        )
+    for column in named:
+        unit = _stated_unit(column, quantity)
+        if unit:
+            return _in_si(cells, column, unit, quantity)
     raise InputError(
         f"{cells.source}: column {quantity} [unit] is missing; there is "
         f"{', '.join(cells.columns)}"
     )
+
+
+def _stated_unit(column: str, quantity: str) -> str:
+    """Return the unit in brackets or at the end of a name, as in `bsfc_g_per_kWh`; else `""`."""
+    match = re.search(r"[\[(]([^\[(]*)[\])]\s*$", column)
+    if match is not None:
+        return match[1].strip()
+    for unit in _UNITS[quantity]:
+        for written in (unit, unit.replace("/", "_per_"), unit.replace("/", "_")):
+            ending = written.replace(" ", "_")
+            if re.search(rf"[_ ]{re.escape(ending)}$", column, re.IGNORECASE):
+                return unit
+    return ""
+
+
+def _in_si(cells: Table, column: str, unit: str, quantity: str) -> tuple[Array, str]:
+    """Return a column in SI, and the unit that its name states."""
+    if unit not in _UNITS[quantity]:
+        raise InputError(
+            f"{cells.source}: {unit!r} is no unit of {quantity}; there is "
+            f"{', '.join(_UNITS[quantity])}"
+        )
+    return cells.numbers(column) * _UNITS[quantity][unit], unit
+
+
+def _names(column: str, quantity: str) -> bool:
+    """Return whether a column by another name holds a quantity of an engine's map."""
+    if quantity == "fuel":
+        return _FUEL.search(column) is not None
+    meaning = meaning_of(column)
+    return meaning.quantity in _MEANINGS[quantity] and not meaning.unknown

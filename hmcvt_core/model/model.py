@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
-from ..physics.balance import BalanceSolver, Breakdown
+from ..physics.balance import BalanceSolver
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.formulation import FORMULATIONS as _FORMULATIONS
@@ -31,6 +31,7 @@ from ..transmission.parameters import (
 )
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
+from .breakdown import Breakdown
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
 from .measured_unit import MeasuredUnit
@@ -365,13 +366,13 @@ class EfficiencyModel:
         The point is given as for `efficiency`; the shape is (..., 0) where errors are not known.
         """
         efficiency = self.efficiency(*point)
-        slopes = np.empty((*np.shape(efficiency), len(self._neighbours)))
-        for i, (steps, model) in enumerate(self._neighbours):
+        slopes = np.empty((*np.shape(efficiency), len(self.neighbours)))
+        for i, (steps, model) in enumerate(self.neighbours):
             slopes[..., i] = (model.efficiency(*point) - efficiency) * steps
         return efficiency, slopes
 
     @cached_property
-    def _neighbours(self) -> list[tuple[float, EfficiencyModel]]:
+    def neighbours(self) -> list[tuple[float, EfficiencyModel]]:
         """Standard error of each parameter in steps, and the model one such step away."""
         if not self.states_errors:
             return []
@@ -430,6 +431,7 @@ class EfficiencyModel:
             _plain(flat.input_power.reshape(shape)),
             _plain(flat.output_power.reshape(shape)),
             {part: _plain(watts.reshape(shape)) for part, watts in flat.losses.items()},
+            model.stage.name,
         )
 
     def optimal_displacement_ratio(

@@ -31,19 +31,19 @@ Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
-_SCAN = 65  # points of a grid on one interval
-_ZOOMS = 3  # grids, each between the neighbours of the lowest point of the one before
-_SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
-_NEXT_TO_REST = 1e-9  # part of the speed at which the motor rests
-_EDGE = 1e-9  # of the stroke
+SCAN = 65  # points of a grid on one interval
+ZOOMS = 3  # grids, each between the neighbours of the lowest point of the one before
+SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
+NEXT_TO_REST = 1e-9  # part of the speed at which the motor rests
+EDGE = 1e-9  # of the stroke
 _CLOSE = 0.01  # of the best: stages that the first grid does not separate
 _LIMIT_SLACK = 1e-5  # of the width between two limits
 _BINDS = 1e-3  # of the full load
 _TORQUE_STEP = 0.01  # of the engine torque: difference that gives fuel per loss
-_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_PARTS = 8  # of the strokes on either side of rest
-_START = 1e-3  # of a piece
-_BRACKET = 1e-5  # of a piece
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+PARTS = 8  # of the strokes on either side of rest
+START = 1e-3  # of a piece
+BRACKET = 1e-5  # of a piece
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def _at_engine_speed(
 def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
     """Best displacement ratio at one engine speed and load torque; NaN where none will do."""
     # Friction holds the motor over a range of strokes, with a corner at either end.
-    next_to_rest = np.array([1.0 - _NEXT_TO_REST, 1.0 + _NEXT_TO_REST])
+    next_to_rest = np.array([1.0 - NEXT_TO_REST, 1.0 + NEXT_TO_REST])
     output = speed * solver.mechanical_ratio * next_to_rest
     rest, _ = solver.held(*np.broadcast_arrays(speed, output, torque))
     # Next to the stall a motor need not rest between the two.
@@ -241,7 +241,7 @@ def _best_on_grid(solver: BalanceSolver, speed: float, torque: float) -> float:
         points = np.broadcast_arrays(stroke, speed, torque)
         return -np.nan_to_num(solver.solve(OperatingPoints(*points)).efficiency)
 
-    search = Search(cost, ((-1.0, first), (first, last), (last, 1.0))).closer(_ZOOMS)
+    search = Search(cost, ((-1.0, first), (first, last), (last, 1.0))).closer(ZOOMS)
     return search.at if search.cost < 0.0 else math.nan
 
 
@@ -267,8 +267,8 @@ class Search:
         """Narrow the intervals a number of times; return the search itself."""
         for _ in range(times):
             low, high = self._ends
-            step = (high - low) / (_SCAN - 1)
-            grid = low[:, None] + step[:, None] * np.arange(_SCAN)
+            step = (high - low) / (SCAN - 1)
+            grid = low[:, None] + step[:, None] * np.arange(SCAN)
             cost = self._function(grid.ravel()).reshape(grid.shape)
             intervals = np.arange(len(grid))
             lowest = cost.argmin(axis=1)
@@ -302,10 +302,10 @@ def _best_stroke(
     )
     # Between the two the whole flow leaks: of these strokes the one next to zero is best.
     for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
-        top, way = max((value(i / _PARTS), i / _PARTS) for i in range(_PARTS + 1))
+        top, way = max((value(i / PARTS), i / PARTS) for i in range(PARTS + 1))
         tops.append((top, way, corner, reach))
-        if way > 0.0 or value(_START) > top:
-            ends = max(way - 1.0 / _PARTS, 0.0), min(way + 1.0 / _PARTS, 1.0)
+        if way > 0.0 or value(START) > top:
+            ends = max(way - 1.0 / PARTS, 0.0), min(way + 1.0 / PARTS, 1.0)
             tops.append((*_golden(value, *ends), corner, reach))
     top, way, corner, reach = max(tops)
     return corner + reach * way * way if top > 0.0 else math.nan
@@ -313,16 +313,16 @@ def _best_stroke(
 
 def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
     """Highest value of a function with one maximum between two limits, and where."""
-    c, d = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+    c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
     at_c, at_d = value(c), value(d)
-    while b - a > _BRACKET:
+    while b - a > BRACKET:
         if at_c > at_d:
             b, d, at_d = d, c, at_c
-            c = b - _GOLDEN * (b - a)
+            c = b - GOLDEN * (b - a)
             at_c = value(c)
         else:
             a, c, at_c = c, d, at_d
-            d = a + _GOLDEN * (b - a)
+            d = a + GOLDEN * (b - a)
             at_d = value(d)
     return max((at_c, c), (at_d, d))
 
@@ -346,7 +346,7 @@ class Line:
             senses=Senses(1 if self.output_speed > 0.0 else -1, 1),
         )
         within = np.fmin(np.fmax(stroke, -1.0), 1.0)
-        return within, np.where(np.abs(stroke - within) < _EDGE, torque, np.nan)
+        return within, np.where(np.abs(stroke - within) < EDGE, torque, np.nan)
 
     def cost(self, speed: Array) -> Array:
         """Fuel [kg/s], or engine power [W] without an engine; infinite where it is not possible."""
@@ -366,8 +366,8 @@ class Line:
             self.solver.stage, np.array([-1.0, 1.0])
         )
         slowest, fastest = (
-            ends.min() * (1.0 - _SLIP) * low,
-            ends.max() * (1.0 + _SLIP) * high,
+            ends.min() * (1.0 - SLIP) * low,
+            ends.max() * (1.0 + SLIP) * high,
         )
         return bool(slowest <= abs(self.output_speed) <= fastest)
 
@@ -379,7 +379,7 @@ class Line:
         ratio = self.solver.mechanical_ratio
         if not ratio:
             return Search(self.cost, [(low, high)])
-        next_to_rest = np.array([1.0 - _NEXT_TO_REST, 1.0 + _NEXT_TO_REST])
+        next_to_rest = np.array([1.0 - NEXT_TO_REST, 1.0 + NEXT_TO_REST])
         rest = np.clip(self.output_speed / ratio * next_to_rest, low, high)
         below, above = rest.tolist()
         intervals = [(low, below), (above, high)]
@@ -488,7 +488,7 @@ def _best(
         if line.reaches(low, high)
     }
     close = _CLOSE
-    for _ in range(_ZOOMS):
+    for _ in range(ZOOMS):
         lowest = min((search.cost for search in searches.values()), default=math.inf)
         promising = lowest * (1.0 + close)
         closer = {}
@@ -497,7 +497,7 @@ def _best(
             if math.isfinite(search.cost) and in_reach:
                 closer[name] = search.closer(1)
         searches = closer
-        close *= 2.0 / (_SCAN - 1)
+        close *= 2.0 / (SCAN - 1)
     if not searches:
         return DriveOptimum(None)
     best = min(searches, key=lambda name: searches[name].cost)

@@ -132,6 +132,7 @@ def load_stages(path: str | os.PathLike[str]) -> tuple[Stage, ...]:
     Raises:
         InputError: the file or a field is wrong; both are named.
     """
+    require_path(path, "path", "a transmission file")
     with named(path):
         data, tree = read_tree(path, TRANSMISSION_SCHEMA)
         stages = stages_from_mapping(data)

@@ -2,9 +2,9 @@
 """What answers at many points: the balance without effects, and with them."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,13 @@ _HELD = 1e-6
 """Relative difference of the output speed up to which a search holds it."""
 
 
-@dataclass(frozen=True)
-class Breakdown:
-    """Power in, power out and every loss between them [W]; arrays of one shape.
+class PowerShares(NamedTuple):
+    """Power in, power out and every loss between them [W], arrays of one shape.
 
     Attributes:
         input_power: from the engine.
         output_power: to the load.
-        losses: by part: `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`,
-            `motor_damping`, `motor_friction`, `planetary_row`, and the name of each effect that
-            drags a shaft. Their sum is input_power - output_power.
+        losses: by part, see `breakdown`; their sum is input_power - output_power.
     """
 
     input_power: Array
@@ -102,13 +99,16 @@ class BalanceSolver:
 
     def _solved_on_row(self, points: OperatingPoints) -> Solution:
         """Solve an output-coupled stage; the constants depend on the sense of the output alone."""
-        forward = self._starts(1, points)
-        columns = np.empty((3, forward.size))
+        is_forward = self._starts(1, points)
+        # Numbers of points pick faster than a mask does.
+        forward = np.flatnonzero(is_forward)
+        backward = np.flatnonzero(~is_forward)
+        columns = np.empty((3, is_forward.size))
         ahead = points.map(lambda values: values[forward])
         columns[:, forward] = self.quadrant(Senses(1)).solve(ahead)
-        back = points.map(lambda values: values[~forward])
+        back = points.map(lambda values: values[backward])
         resting = self._rests(back)
-        columns[:, ~forward] = self.quadrant(Senses(-1)).solve(back, resting)
+        columns[:, backward] = self.quadrant(Senses(-1)).solve(back, resting)
         return Solution(*columns)
 
     def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
@@ -176,7 +176,8 @@ class BalanceSolver:
         efficiency, speed, torque = Solution.of(
             state.load_power / points.engine_speed,
             flow.engine_power / points.engine_speed,
-            shafts.reflection * flow.output_speed,
+            # A sum with 0 is never -0.
+            shafts.reflection * flow.output_speed + 0.0,
         )
         pressure = shafts.senses.output * state.pressure
         # Of powers, not of meters: an effect on a meter comes after.
@@ -202,8 +203,12 @@ class BalanceSolver:
         return shafts, shafts.power_flow()
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def breakdown(self, points: OperatingPoints) -> Breakdown:
-        """Share the lost power among the parts that take it."""
+    def breakdown(self, points: OperatingPoints) -> PowerShares:
+        """Share the lost power among the parts that take it.
+
+        Parts are `gear_pair_<name>`, `leakage`, `pump_damping`, `pump_friction`, `motor_damping`,
+        `motor_friction`, `planetary_row`, and the name of each effect that drags a shaft.
+        """
         shafts, flow = self.flow(points)
         losses = self._unit_losses(shafts, flow)
         speeds = {
@@ -227,7 +232,7 @@ class BalanceSolver:
             for name, watts in losses.items()
             if name not in optional or watts.any()
         }
-        return Breakdown(np.asarray(flow.engine_power), flow.output_power, shown)
+        return PowerShares(np.asarray(flow.engine_power), flow.output_power, shown)
 
     def _unit_losses(self, shafts: Shafts, flow: PowerFlow) -> dict[str, Array]:
         """Losses of pump and motor and of the lines between them [W]."""

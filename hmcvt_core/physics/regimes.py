@@ -116,6 +116,20 @@ class Senses(NamedTuple):
 FORWARD_PULL = Senses()
 
 
+class StartingTorque(NamedTuple):
+    """Torque on an output at rest without load, B / 2, as a polynomial of e.
+
+    Attributes:
+        level: at e = 0.
+        slope: of e.
+        square: of e squared.
+    """
+
+    level: Any
+    slope: Any
+    square: Any
+
+
 @dataclass(frozen=True)
 class RegimeConstants:
     """Constants of one regime; torques per pressure torque pi or per speed x, z.
@@ -293,14 +307,26 @@ class Quadrant:
         """Whether e lies at or beyond the pole of eq. (5), where no speed follows from the flow."""
         return self.hydraulic_ratio * self.pump_ratios[1] * ratio >= 1.0
 
-    def starts(self, ratio: Any) -> Any:
-        """Whether the torque on an output at rest without load acts in the sense of the quadrant.
+    @cached_property
+    def starting_torques(self) -> tuple[StartingTorque, StartingTorque]:
+        """Torque on an output at rest without load, for e > 0 and for e <= 0.
 
         At rest the pressure has the sign of e, the pump turns forward and takes torque.
         """
-        ahead = self._level(self.regimes[Regime.DRIVING], ratio) > 0.0
-        back = self._level(self.regimes[Regime.REVERSED], ratio) > 0.0
-        return ((ratio > 0.0) & ahead) | ((ratio <= 0.0) & back)
+        torques = []
+        for regime in (Regime.DRIVING, Regime.REVERSED):
+            constants = self.regimes[regime]
+            brace = self.stiffness * constants.brace * (1.0 + self.pump_friction)
+            square = 0.5 * brace * self.pump_ratios[0]
+            torques.append(StartingTorque(constants.level, constants.flow, square))
+        return torques[0], torques[1]
+
+    def starts(self, ratio: Any) -> Any:
+        """Whether an output at rest without load starts in the sense of the quadrant."""
+        positive, negative = self.starting_torques
+        ahead = positive.level + (positive.slope + positive.square * ratio) * ratio
+        back = negative.level + (negative.slope + negative.square * ratio) * ratio
+        return np.where(ratio > 0.0, ahead, back) > 0.0
 
     def quadratic(
         self, regime: RegimeConstants, ratio: Any, load: Any

@@ -18,6 +18,7 @@ from .regimes import (
     Regime,
     RegimeConstants,
     Senses,
+    StartingTorque,
 )
 from .steady_state import ROUNDING, STANDING
 
@@ -124,6 +125,8 @@ class _PumpAtEngine:
         torque = carried + self._gear_mean * pump + self._gear_half * abs(pump)
         torque *= engine_speed
         efficiency = _efficiency(load_torque, torque)
+        if output == STANDING:
+            return efficiency, 0.0, torque
         return efficiency, chosen.reflection * engine_speed * output, torque
 
     def _slower_output(
@@ -183,13 +186,18 @@ class _RowRegime:
 
 @dataclass(frozen=True, slots=True)
 class _RowSense:
-    """Constants of one sense of the output with the pump on the row."""
+    """Constants of one sense of the output with the pump on the row.
+
+    `feedback` times e is the flow that the row feeds back, by the flow that the motor takes.
+    """
 
     flow_ratio: float
     output_share: float
     reflection: float
     motor: float
     motor_drag: float
+    feedback: float
+    starting_torques: tuple[StartingTorque, StartingTorque]
     regimes: list[_RowRegime]
 
 
@@ -221,20 +229,21 @@ class _PumpOnRow:
         chosen = self._ahead
         ratio = chosen.flow_ratio * displacement_ratio
         stands = False
-        if not self._starts(chosen, ratio):
+        positive, negative = chosen.starting_torques
+        level, slope, square = positive if ratio > 0.0 else negative
+        if not level + (slope + square * ratio) * ratio > 0.0:
             chosen = self._back
             ratio = chosen.flow_ratio * displacement_ratio
-            stands = not self._starts(chosen, ratio)
+            stands = not _starts(chosen, ratio)
         load = load_torque / engine_speed
-        c = chosen.output_share
-        h = self._hydraulic_ratio
-        if h * c * ratio >= 1.0 or (stands and load):
+        if chosen.feedback * ratio >= 1.0 or (stands and load):
             return NO_ANSWER
         output = STANDING if stands else self._output(chosen, ratio, load)
         if not load and output == 0.0:
             output = STANDING
         if not output > 0.0:
             return NO_ANSWER
+        c = chosen.output_share
         pump_speed = self._engine_share + c * output
         gears = self._gears
         turning = 1.0
@@ -243,19 +252,15 @@ class _PumpOnRow:
             pump_speed = self._engine_share + c * output
             gears = self._backward_gears
             turning = -1.0
-        ideal = ratio * (self._stiffness * (ratio * pump_speed - output / h))
+        motor = output / self._hydraulic_ratio
+        ideal = ratio * (self._stiffness * (ratio * pump_speed - motor))
         friction = turning * (self._friction * abs(ideal))
         torque = ideal + friction + self._damping * pump_speed
         torque = (gears[0] * torque + gears[1] * abs(torque)) * engine_speed
         efficiency = _efficiency(load_torque, torque)
+        if output == STANDING:
+            return efficiency, 0.0, torque
         return efficiency, chosen.reflection * engine_speed * output, torque
-
-    def _starts(self, chosen: _RowSense, ratio: float) -> bool:
-        """Whether an output at rest without load starts in a sense."""
-        regime = chosen.regimes[_DRIVING if ratio > 0.0 else _REVERSED]
-        held = regime.brace_stiffness * (ratio + regime.friction * abs(ratio))
-        level = regime.level + regime.flow * ratio
-        return level + 0.5 * held * self._engine_share * ratio > 0.0
 
     def _output(self, chosen: _RowSense, ratio: float, load: float) -> float:
         """Return y while the pump turns forward; NaN where there is none."""
@@ -264,11 +269,19 @@ class _PumpOnRow:
         a = self._engine_share
         h = self._hydraulic_ratio
         stiffness = self._stiffness
-        output = self._root(regimes[_DRIVING], c, ratio, load)
+        regime = regimes[_DRIVING]
+        held = regime.brace_stiffness * (ratio + regime.friction * abs(ratio))
+        fed_back = (regime.motor_stiffness + held) * c * ratio
+        square = regime.square + held / h - fed_back
+        level = regime.level + regime.flow * ratio
+        middle = (level + 0.5 * held * a * ratio) / square
+        inside = middle * middle - load / square
+        if not inside >= 0.0 or square <= 0.0:
+            # The load is not carried in any regime.
+            return math.nan
+        output = middle + math.sqrt(inside) if load else 2.0 * middle
         pressure = stiffness * (ratio * (a + c * output) - output / h)
-        # No root while the motor drives: the load is not carried in any regime.
-        drag = chosen.motor_drag * output / h
-        if chosen.motor * pressure > drag or math.isnan(output):
+        if chosen.motor * pressure > chosen.motor_drag * output / h:
             return output
         output = self._root(regimes[_DRIVEN], c, ratio, load)
         pressure = stiffness * (ratio * (a + c * output) - output / h)
@@ -319,6 +332,13 @@ class _PumpOnRow:
         return pressure, ideal + friction + self._damping * pump_speed
 
 
+def _starts(chosen: _RowSense, ratio: float) -> bool:
+    """Whether an output at rest without load starts in a sense."""
+    positive, negative = chosen.starting_torques
+    level, slope, square = positive if ratio > 0.0 else negative
+    return level + (slope + square * ratio) * ratio > 0.0
+
+
 def _row_sense(quadrant: Quadrant) -> _RowSense:
     driving = quadrant.regimes[_DRIVING]
     regimes = []
@@ -330,6 +350,8 @@ def _row_sense(quadrant: Quadrant) -> _RowSense:
         float(quadrant.reflection),
         driving.motor,
         driving.motor_drag,
+        quadrant.hydraulic_ratio * quadrant.pump_ratios[1],
+        quadrant.starting_torques,
         regimes,
     )
 

@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 
 _DRIVEN_REGIMES = (Regime.DRIVEN, Regime.REVERSED, Regime.MOTORED)
 
-_MOTOR_AT_REST = 1e-14
+MOTOR_REST_BOUND = 1e-14
 """x below which a motor rests but for rounding."""
 
 
@@ -52,7 +52,10 @@ class SteadyState(Quadrant):
             has_sense = has_sense | ((load == 0.0) & np.isfinite(output))
         output = np.where(has_sense, output, np.nan)
         torque = self.engine_torque(ratio, output, load) * engine_speed
-        return Solution.of(load_torque, torque, self.reflection * engine_speed * output)
+        speed = self.reflection * engine_speed * output
+        if not load.all():
+            speed = np.where(output == STANDING, 0.0, speed)
+        return Solution.of(load_torque, torque, speed)
 
     def output(self, ratio: Array, load: Array) -> Array:
         """Return the output speed y for e and L, shape (..., n); NaN where there is none."""
@@ -157,7 +160,7 @@ class SteadyState(Quadrant):
         if self.pump_on_row:
             is_driven = ~self.drives(pressure, output)
         else:
-            is_driven = ~(motor > _MOTOR_AT_REST)
+            is_driven = ~(motor > MOTOR_REST_BOUND)
         is_lower = is_driven
         lower_regimes = _DRIVEN_REGIMES if self.pump_on_row else _DRIVEN_REGIMES[:2]
         for regime in lower_regimes:

@@ -10,7 +10,8 @@ residuals   residuals before and after
 watts       where the watts go, before and after
 figures     all of these as the templates of the page name them
 sheet       one page of paper
-pictures    files with a picture; losses, surface, drive_line and panels draw them
+pictures    files with a picture; losses, surface, drive_line, power_maps, operating_points
+            and panels draw them
 style       letters, colours, formats
 """
 
@@ -23,16 +24,21 @@ from pathlib import Path
 from ..benches.unit import CHANNEL_UNITS, PARAMETERS, UnitChange, UnitDiagnosis
 from ..diagnosis import Diagnosis, Isolability, settings
 from ..diagnosis.results import text as words
+from ..estimation import Estimate
 from ..files import picture
 from ..files.atomic import write_atomically
 from ..identification import Identification
+from ..model.breakdown import Breakdown
 from ..model.domain import EfficiencyMap
+from ..model.engine import Engine
 from ..model.model import EfficiencyModel
 from ..monitoring import Opening
 from ..transmission.parameters import PARAMETER_NAMES
 from . import figures
+from .operating_points import draw_operating_points
 from .panels import draw_opening, draw_separation
 from .pictures import draw_fit, draw_surface, drawn
+from .power_maps import draw_breakdown, draw_engine
 from .sheet import VERDICTS, sheet
 from .style import TEMPLATES, render, report_format
 from .surface import draw_map
@@ -44,6 +50,9 @@ picture.register(Identification, partial(drawn, draw_fit))
 picture.register(Diagnosis, figures.plot_diagnosis)
 picture.register(Isolability, partial(drawn, draw_separation))
 picture.register(Opening, partial(drawn, draw_opening))
+picture.register(Engine, partial(drawn, draw_engine))
+picture.register(Breakdown, partial(drawn, draw_breakdown))
+picture.register(Estimate, partial(drawn, draw_operating_points))
 
 
 def write_html(

@@ -10,7 +10,7 @@ from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..errors import InputError
 from .axes import MOST, columns
-from .gap_map import draw_gap, page_maps
+from .gap_map import draw_gap, machine, page_maps
 from .pictures import drawn
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
@@ -18,6 +18,7 @@ from .watts import stage_watts, watts
 __all__ = [
     "MOST",
     "columns",
+    "machine",
     "page_maps",
     "place_rows",
     "plot_diagnosis",
@@ -26,6 +27,7 @@ __all__ = [
     "stage_head",
     "stage_rows",
     "stage_watts",
+    "test_labels",
     "test_rows",
     "watts",
 ]
@@ -72,8 +74,17 @@ def place_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
     return rows
 
 
+def test_labels(diagnosis: Diagnosis) -> list[str]:
+    """Return what names an operating point to measure next beside its axes, as `stage`."""
+    labels: dict[str, None] = {}
+    for test in diagnosis.next_tests:
+        labels |= dict.fromkeys(test.setting)
+    return list(labels)
+
+
 def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
     """Return rows of the operating points to measure next."""
+    labels = test_labels(diagnosis)
     rows: list[tuple[Any, ...]] = []
     for test in diagnosis.next_tests:
         if test.point is None:
@@ -86,6 +97,7 @@ def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
             (
                 len(rows) + 1,
                 " | ".join(map(words.plain, test.separates)),
+                *(test.setting.get(label, words.NOTHING) for label in labels),
                 *coordinates,
                 words.number(test.gain),
                 words.plain(test.measure or words.NOTHING),

@@ -264,14 +264,17 @@ def _blocks(maps: Iterable[GapMap]) -> list[list[GapMap]]:
 
 
 def _title(diagnosis: Diagnosis) -> str:
+    return f"{machine(diagnosis)}: {words.mechanic(diagnosis)}"
+
+
+def machine(diagnosis: Diagnosis) -> str:
+    """Return the name of the bench file and the stages of its samples."""
     source = str(diagnosis.samples.source).rsplit("/", 1)[-1]
     stages = stages_of(diagnosis.samples)
-    machine = source
-    if len(stages) == 1:
-        machine = f"{source}, stage {stages[0]}"
-    elif stages:
-        machine = f"{source}, stages {', '.join(stages)}"
-    return f"{machine}: {words.mechanic(diagnosis)}"
+    if not stages:
+        return source
+    noun = "stage" if len(stages) == 1 else "stages"
+    return f"{source}, {noun} {', '.join(stages)}"
 
 
 def draw_view(axes: Any, diagnosis: Diagnosis, view: View) -> None:

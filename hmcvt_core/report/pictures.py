@@ -27,6 +27,8 @@ SIZE = (10.0, 6.4)
 
 _NOTEBOOK_DPI = 80
 _FIT_SIZE = (7.6, 8.2)  # in; square axes, and the legend below
+_MARKERS = "o^Dvs<P>X"
+_MARKERS_HELD_BACK = "s"
 _BAND = 0.02  # part of the measured efficiency that the grey band shows
 
 
@@ -101,10 +103,11 @@ def draw_fit(
     if ax is None:
         figure.set_size_inches(*_FIT_SIZE)
         ax = figure.subplots()
-    efficiencies = _draw_samples(ax, fit.model, fit.samples, "fitted", "o", BLUE)
+    drawn = _draw_samples(ax, fit, fit.samples, "fitted", _MARKERS, BLUE)
     if held_back is not None:
-        others = _draw_samples(ax, fit.model, held_back, "held back", "s", ORANGE)
-        efficiencies = np.concatenate([efficiencies, others])
+        markers = _MARKERS if len(fit.stages) > 1 else _MARKERS_HELD_BACK
+        drawn += _draw_samples(ax, fit, held_back, "held back", markers, ORANGE)
+    efficiencies = np.concatenate(drawn)
     low = np.nanmin(efficiencies)
     high = np.nanmax(efficiencies)
     margin = max(0.15 * (high - low), 0.01)
@@ -122,6 +125,8 @@ def draw_fit(
     errors = f"mean error {100.0 * fit.fit_error:.2f} % fitted"
     if fit.prediction_error is not None:
         errors += f", {100.0 * fit.prediction_error:.2f} % held back"
+    if fit.set_aside:
+        errors += f"; not drawn: {len(fit.set_aside)} set aside"
     ax.set(
         xlim=line,
         ylim=line,
@@ -141,13 +146,47 @@ def _stages(fit: Identification) -> str:
 
 def _draw_samples(
     axes: Any,
+    fit: Identification,
+    samples: BenchSamples,
+    name: str,
+    markers: str,
+    colour: str,
+) -> list[Array]:
+    """Draw samples with error bars, each stage with a marker.
+
+    Args:
+        axes: matplotlib Axes.
+        fit: its model predicts.
+        samples: of one stage, or with the stage of each.
+        name: of the samples in the legend.
+        markers: of the stages, in the order of the file; used again from the first on.
+        colour: of the samples.
+
+    Returns:
+        Predicted and measured efficiencies.
+    """
+    names = samples.points.stage
+    if names is None or len(fit.stages) == 1:
+        return [_draw_group(axes, fit.model, samples, name, markers[0], colour)]
+    drawn = []
+    for number, stage in enumerate(fit.model.stages):
+        group = samples.select(np.asarray(names) == stage)
+        if len(group):
+            marker = markers[number % len(markers)]
+            label = f"{name}, {stage}"
+            drawn.append(_draw_group(axes, fit.model, group, label, marker, colour))
+    return drawn
+
+
+def _draw_group(
+    axes: Any,
     model: EfficiencyModel,
     samples: BenchSamples,
     name: str,
     marker: str,
     colour: str,
 ) -> Array:
-    """Draw samples with error bars; return their predicted and measured efficiencies."""
+    """Draw samples with one marker; return their predicted and measured efficiencies."""
     prediction = model.predict(*samples.points)
     deviation = samples.efficiency_std
     if deviation is None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,6 +26,11 @@ _LABEL_GAP = 0.03
 """Between a steep arrow and its words, part of a panel."""
 
 
+_GAP_OF_FLAT = (26.0, 30.0)
+_GAP_OF_STEEP = (14.0, 16.0)
+"""From the centres of the boxes to the ends of an arrow: half a box wide or high [pt]."""
+
+
 def draw_power_paths(
     figure: Any, stages: Sequence[Stage], check: TransmissionCheck
 ) -> None:
@@ -43,7 +49,7 @@ def draw_power_paths(
         low, middle, high = speeds.ratios
         axes.set_title(
             f"{stage.name} ({stage.layout.replace('_', '-')}): output speed / engine speed "
-            f"{low:.3f}, {middle:.3f}, {high:.3f}"
+            f"{low:.3f}, {middle:.3f}, {high:.3f} at stroke -1, 0, 1"
         )
         _draw_stage(axes, stage)
 
@@ -95,12 +101,15 @@ def _arrow(
 ) -> None:
     """Draw a path with its gear pairs, the member of the row, and a minus where it reverses."""
     _connect(axes, start, end, colour)
-    names = [pair.name for pair in path.gear_pairs]
+    pairs = list(path.gear_pairs)
     direction = path.direction
     if first is not None:
-        names = [pair.name for pair in first.gear_pairs] + names
+        pairs = [*first.gear_pairs, *pairs]
         direction *= first.direction
-    words = [" x ".join(names) if names else "direct"]
+    words = ["direct"]
+    if pairs:
+        names = " x ".join(pair.name for pair in pairs)
+        words = [f"{names} = {math.prod(pair.ratio for pair in pairs):.4g}"]
     if member:
         words.append(member)
     if direction < 0:
@@ -108,9 +117,8 @@ def _arrow(
     across = _BOXES[end][0] - _BOXES[start][0]
     x = _BOXES[start][0] + 0.5 * across
     y = 0.5 * (_BOXES[start][1] + _BOXES[end][1])
-    up = _BOXES[end][1] - _BOXES[start][1]
     # A steep arrow is too short for words on it: they stand to its right.
-    is_steep = abs(up) > abs(across)
+    is_steep = _is_steep(start, end)
     axes.text(
         x + _LABEL_GAP * is_steep,
         y,
@@ -123,7 +131,15 @@ def _arrow(
     )
 
 
+def _is_steep(start: str, end: str) -> bool:
+    """Return whether an arrow leaves its boxes at the top or bottom."""
+    across = _WIDTH * (_BOXES[end][0] - _BOXES[start][0])
+    up = _PANEL_HEIGHT * (_BOXES[end][1] - _BOXES[start][1])
+    return abs(up) > abs(across)
+
+
 def _connect(axes: Any, start: str, end: str, colour: str) -> None:
+    distances = _GAP_OF_STEEP if _is_steep(start, end) else _GAP_OF_FLAT
     axes.annotate(
         "",
         xy=_BOXES[end],
@@ -133,7 +149,7 @@ def _connect(axes: Any, start: str, end: str, colour: str) -> None:
             "arrowstyle": "-|>",
             "color": colour,
             "lw": 2.4,
-            "shrinkA": 26,
-            "shrinkB": 30,
+            "shrinkA": distances[0],
+            "shrinkB": distances[1],
         },
     )

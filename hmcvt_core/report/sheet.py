@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.design.classes import EffectClass
 from ..diagnosis.results import text as words
 from ..diagnosis.results.outcome import Cause
-from .gap_map import View, draw_view, views
+from .gap_map import View, draw_view, machine, views
 from .style import INK, SOFT, styled, to_pdf
 
 _PAPER = (8.27, 11.69)  # A4 [in]
@@ -20,6 +21,7 @@ _COLUMNS = 84  # letters of a line of the sheet's font
 _HEADLINE_COLUMNS = 46
 _LINE = 0.0175  # height of a line; part of the sheet
 _LEFT = 0.09
+_LEAST_PICTURE = 0.14  # height; part of the sheet
 _CAUSES = 3  # listed on the sheet; the page has all
 
 VERDICTS = {
@@ -46,9 +48,10 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     import matplotlib as mpl
 
     figure.set_layout_engine("none")
-    source = str(diagnosis.samples.source).rsplit("/", 1)[-1]
     height = 0.95
-    height = _write(figure, height, f"Model against bench: {source}", color=SOFT)
+    height = _write(
+        figure, height, f"Model against bench: {machine(diagnosis)}", color=SOFT
+    )
     height = _write(figure, height, f"Verdict: {VERDICTS[diagnosis.verdict]}")
     height -= 0.5 * _LINE
     headline = textwrap.wrap(words.mechanic(diagnosis), _HEADLINE_COLUMNS)
@@ -62,11 +65,9 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     for line in _cause_lines(diagnosis):
         height = _write(figure, height, line)
     next_step = _next_step(diagnosis)
-    lines_below = 2.0
-    for paragraph in next_step:
-        lines_below += len(textwrap.wrap(paragraph, _COLUMNS)) + 0.4
-    bottom = 0.06 + _LINE * lines_below
-    picture_height = min(height - bottom - 0.135, 0.42)
+    room = height - 0.06 - 0.135 - _height(next_step)
+    notes = _notes_that_fit(diagnosis, room - _LEAST_PICTURE)
+    picture_height = min(room - _height(notes), 0.42)
     sizes: dict[Any, Any] = {
         "font.size": _FONT,
         "axes.titlesize": _FONT,
@@ -83,13 +84,39 @@ def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
     height = _write(
         figure,
         height,
-        "Colour: estimated gap, hatched where it is less than two standard deviations; "
-        "boxes: regions that differ; triangles: samples.",
+        "Colour: estimated gap at the median of the other axes, hatched where it is less "
+        "than two standard deviations; boxes: regions that differ; triangles: samples.",
         color=SOFT,
     )
     height = _write(figure, height - 0.5 * _LINE, "Next step", weight="bold")
     for paragraph in next_step:
         height = _write(figure, height, paragraph)
+    if notes:
+        height = _write(figure, height - 0.5 * _LINE, "Notes", weight="bold")
+    for note in notes:
+        height = _write(figure, height, note)
+
+
+def _height(paragraphs: Sequence[str]) -> float:
+    """Return the height of paragraphs below their heading; 0 for none."""
+    if not paragraphs:
+        return 0.0
+    lines = 2.0
+    for paragraph in paragraphs:
+        lines += len(textwrap.wrap(paragraph, _COLUMNS)) + 0.4
+    return _LINE * lines
+
+
+def _notes_that_fit(diagnosis: Diagnosis, room: float) -> list[str]:
+    """Return the first notes that leave the picture its least height."""
+    notes: list[str] = []
+    for note in diagnosis.notes:
+        if note in diagnosis.warnings:
+            continue
+        if _height([*notes, note]) > room:
+            break
+        notes.append(note)
+    return notes
 
 
 def _write(figure: Any, height: float, text: str, **style: Any) -> float:
@@ -139,7 +166,7 @@ def _next_step(diagnosis: Diagnosis) -> list[str]:
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]
-    return diagnosis.advice.lines()
+    return diagnosis.advice.steps()
 
 
 def _best_view(diagnosis: Diagnosis) -> View:

@@ -126,7 +126,9 @@ def commented_file(
         "  pump_friction: 0.01",
         "  motor_friction: 0.01",
         "# Paths: mechanical, engine to row; pump, engine to pump; motor, motor to row; output,",
-        "# row to output. direction -1: the last shaft turns against the first.",
+        "# row to output. Of layout output_coupled, pump is row to pump and motor is motor to",
+        "# output; a hydrostatic stage has no row, and motor and output follow each other.",
+        "# direction -1: the last shaft turns against the first.",
         "stages:",
     ]
     for stage in stages:

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""`python -m studies.poisoning`: refits to a worn unit, with and without bad samples."""
+"""`python -m studies.poisoning`: refits to a worn unit, attacked and with bad samples."""
 
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.fleet.executors import Processes
 from studies.page import render, table
 
+from .attacks import ATTACKS, Outcome, attacked, harmful
 from .campaign import Case, campaign
 
 CASES = (
@@ -20,65 +21,108 @@ CASES = (
     Case("noise 1 %", noise=0.01),
     Case("4 to 6 bad samples", bad=(4, 6)),
 )
+_SEEDS_OF_AN_ATTACK = 100_000
+"""Distance between the seeds of two attacks."""
+
+ATTACK_HEAD = (
+    "attack",
+    "harmful",
+    "worst excess",
+    "attacked adopted",
+    "honest adopted",
+)
+MISTAKE_HEAD = (
+    "",
+    "worst excess",
+    "above 1",
+    "median error in service",
+    "clean",
+    "spoiled",
+    "clean not refused",
+    "spoiled not refused",
+    "bad samples set aside",
+    "good ones set aside",
+)
+
+
+def attack_row(pool: Processes, number: int, campaigns: int, seed: int) -> list[object]:
+    """Return the row of one attack."""
+    first = seed + number * _SEEDS_OF_AN_ATTACK
+    tasks = [(number, first + i) for i in range(campaigns)]
+    outcomes: list[Outcome] = list(pool.map(attacked, tasks))
+    attack = ATTACKS[number]
+    harm = sum(harmful(attack, outcome) for outcome in outcomes)
+    worst = max(outcome.excess for outcome in outcomes)
+    adopted = np.mean([outcome.adopted for outcome in outcomes])
+    honest = np.mean([outcome.clean_adopted for outcome in outcomes])
+    return [
+        attack.what,
+        harm,
+        f"{100 * worst:.2f}",
+        f"{100 * adopted:.0f} %",
+        f"{100 * honest:.0f} %",
+    ]
+
+
+def mistake_row(pool: Processes, case: Case, campaigns: int, seed: int) -> list[object]:
+    """Return the row of one case of single bad samples."""
+    tasks = [(case, seed + i) for i in range(campaigns)]
+    records = list(pool.map(campaign, tasks))
+    columns = {
+        key: np.array([record[key] for record in records], dtype=float)
+        for key in records[0]
+    }
+    best = np.maximum(columns["clean"], columns["served"])
+    worse = columns["spoiled"] - best
+    row: list[object] = [
+        case.what,
+        f"{100 * worse.max():.2f}",
+        int((worse > 0.01).sum()),
+    ]
+    for key in ("served", "clean", "spoiled"):
+        row.append(f"{100 * np.median(columns[key]):.1f}")
+    for key in ("adopted", "adopted_spoiled", "found"):
+        row.append(f"{100 * columns[key].mean():.1f} %")
+    row.append(int(columns["blamed"].sum()))
+    return row
 
 
 @click.command("poisoning")
 @click.option(
-    "--campaigns", type=click.IntRange(1, 100_000), default=200, show_default=True
+    "--campaigns",
+    type=click.IntRange(1, 100_000),
+    default=200,
+    show_default=True,
+    help="Campaigns of each row.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=None)
 def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
-    """Spoil 1 to 3 of 20 to 60 samples of a worn unit by 5 to 30 points, and refit."""
-    rows = []
+    """Attack refits to a worn unit, and spoil single samples of it."""
+    attacks = []
+    mistakes = []
     with Processes(jobs) as pool:
+        for number in range(len(ATTACKS)):
+            attacks.append(attack_row(pool, number, campaigns, seed))
+            click.echo(attacks[-1])
         for case in CASES:
-            found = list(
-                pool.map(campaign, [(case, seed + i) for i in range(campaigns)])
-            )
-            served, clean, spoiled, adopted, also, seen, blamed = (
-                np.array([record[key] for record in found], dtype=float)
-                for key in found[0]
-            )
-            worse = spoiled - np.maximum(clean, served)
-            rows.append(
-                (
-                    case.what,
-                    f"{100 * worse.max():.2f}",
-                    int((worse > 0.01).sum()),
-                    *(
-                        f"{100 * np.median(each):.1f}"
-                        for each in (served, clean, spoiled)
-                    ),
-                    *(f"{100 * each.mean():.1f} %" for each in (adopted, also, seen)),
-                    int(blamed.sum()),
-                )
-            )
-            click.echo(rows[-1])
-    head = (
-        "",
-        "worst excess",
-        "above 1",
-        "median error in service",
-        "clean",
-        "spoiled",
-        "clean adopted",
-        "spoiled adopted",
-        "bad samples set aside",
-        "good ones set aside",
+            mistakes.append(mistake_row(pool, case, campaigns, seed))
+            click.echo(mistakes[-1])
+    if out is None:
+        return
+    # The worst first.
+    attacks.sort(key=lambda row: (-int(str(row[1])), -float(str(row[2]))))
+    page = render(
+        "page.md.j2",
+        Path(__file__).parent,
+        campaigns=campaigns,
+        seed=seed,
+        total=campaigns * len(ATTACKS),
+        attacks=table(ATTACK_HEAD, attacks),
+        mistakes=table(MISTAKE_HEAD, mistakes),
     )
-    if out is not None:
-        write_atomically(
-            out,
-            render(
-                "page.md.j2",
-                Path(__file__).parent,
-                campaigns=campaigns,
-                seed=seed,
-                table=table(head, rows),
-            ),
-        )
+    write_atomically(out, page)
 
 
 if __name__ == "__main__":

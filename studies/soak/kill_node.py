@@ -22,7 +22,6 @@ from examples.bench_player import BenchPlayer, bench_message
 from hmcvt_ros.bench_log import rows_of
 from hmcvt_ros.inputs import Tally
 from hmcvt_ros.messages import bench_sample_from_message
-from hmcvt_ros.model_store import WAYS_BACK
 
 from . import processes
 from .kill_lines import BASE, leftovers
@@ -97,7 +96,7 @@ class _Use:
         self.check(self.player.wait_for_node(), "the node did not come up")
         file = yaml.safe_load(self.player.model_text or "")["served"]["file"]
         self.check(
-            Path(file) == _in_service(self._state),
+            Path(file).name == _in_service(self._state).name,
             f"serves {file}, not {self._stack[-1:]}",
         )
         self.check(
@@ -129,9 +128,7 @@ class _Use:
         self._take_reply()
         stack, before = _stack(self._state), self._stack
         moved = (
-            stack == before[:-1]
-            if self._service == "revert"
-            else (stack[:-1] == before[1 - WAYS_BACK :])
+            stack == before[:-1] if self._service == "revert" else stack[:-1] == before
         )
         self.check(
             stack == before or (moved and not self._reply.done()),
@@ -188,9 +185,9 @@ def _message(number: int) -> Any:
 
 
 def _row(number: int) -> bytes:
-    """Return the line of the log that a sample must become."""
+    """Return the line of the log that a sample must become, without its chain."""
     (row,) = rows_of(bench_sample_from_message(_message(number), 0.0, Tally(())))
-    return row.removesuffix(b"\n")
+    return row
 
 
 def _number(row: bytes) -> int:
@@ -200,7 +197,7 @@ def _number(row: bytes) -> int:
 def _rows(state: Path) -> list[bytes]:
     log = state / "bench_samples.csv"
     *lines, _torn = log.read_bytes().split(b"\n") if log.exists() else [b""]
-    return lines[1:]
+    return [line.rpartition(b",")[0] for line in lines[1:]]
 
 
 def _stack(state: Path) -> list[str]:

@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from .attacks import COLUMN_ATTACKS, LINE_ATTACKS, RPM, Array, Column, Draft
 
-RPM = np.pi / 30.0
 # Names by language; S of a shaft quantity is its side.
 NAMES: dict[str, dict[str, tuple[str, ...]]] = {
     "en": {
@@ -127,6 +125,10 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "U/min": (RPM, 0.0),
         "tr/min": (RPM, 0.0),
         "deg/s": (np.pi / 180.0, 0.0),
+        "radps": (1.0, 0.0),
+        "rad_s": (1.0, 0.0),
+        "x1000 rpm": (1e3 * RPM, 0.0),
+        "\u00b0/s": (np.pi / 180.0, 0.0),
     },
     "torque": {
         "Nm": (1.0, 0.0),
@@ -136,6 +138,9 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "ft lb": (1.3558179483, 0.0),
         "daNm": (10.0, 0.0),
         "kgf m": (9.80665, 0.0),
+        "lbf-ft": (1.3558179483, 0.0),
+        "in-lb": (0.1129848290, 0.0),
+        "N cm": (0.01, 0.0),
     },
     "power": {
         "kW": (1e3, 0.0),
@@ -172,6 +177,16 @@ ROUTES = (
     ("engine_power", "output_speed", "output_torque", "load_torque"),
 )
 """Quantities beside stroke and engine speed by which a bench gives load and efficiency."""
+SUFFIXES = {
+    "part": ("%",),
+    "speed": ("rpm", "radps", "rad_s"),
+    "torque": ("Nm",),
+    "power": ("kW",),
+    "temperature": ("degC",),
+}
+"""Units that follow a name behind an underscore."""
+NO_VALUES = ("", "n/a", "NaN", "-9999", "---", "65535", "6553.5", "#DIV/0!", "#N/A")
+"""Cells of tests that hold no value."""
 CONVENTIONAL = {"torque": ("Nm",), "power": ("kW", "W"), "speed": ("rpm", "rad/s")}
 """Units that a header without units may mean; nothing in such a table shows others."""
 # Columns that hold none of the quantities: header, typical value, spread.
@@ -262,7 +277,8 @@ def random_table(rng: np.random.Generator) -> RandomTable:
     separator = str(
         rng.choice([";", "\t", "|"] if decimal == "," else [",", ";", "\t", "|"])
     )
-    thousands = str(rng.choice(["", "", "", "," if decimal == "." else ".", " "]))
+    grouping = "," if decimal == "." else "."
+    thousands = str(rng.choice(["", "", "", "", grouping, " ", "'", "\u00a0"]))
     if thousands == separator:
         thousands = ""
     style = str(
@@ -271,23 +287,13 @@ def random_table(rng: np.random.Generator) -> RandomTable:
         )
     )
     complete = style != "none"
-    columns: list[tuple[str, str, list[str]]] = []
+    columns: list[Column] = []
     rounding = 1e-4
     for quantity in quantities:
         name = str(rng.choice(NAMES[language][quantity]))
-        units = UNITS[KINDS[quantity]]
-        unit = str(rng.choice(list(units)))
-        if style == "_":
-            unit = {
-                "part": "%",
-                "speed": "rpm",
-                "torque": "Nm",
-                "power": "kW",
-                "temperature": "degC",
-            }[KINDS[quantity]]
-        if style == "none" and KINDS[quantity] in CONVENTIONAL:
-            unit = str(rng.choice(CONVENTIONAL[KINDS[quantity]]))
-        size, zero = units[unit]
+        kind = KINDS[quantity]
+        unit = _unit(rng, kind, style)
+        size, zero = UNITS[kind].get(unit, (1.0, 0.0))
         values = truth[quantity] / size + zero
         digits = int(rng.integers(3, 6)) - int(
             np.floor(np.log10(np.max(np.abs(values))))
@@ -295,46 +301,65 @@ def random_table(rng: np.random.Generator) -> RandomTable:
         digits = int(np.clip(digits, 0, 6))
         rounding += 0.5 * 10.0**-digits / max(float(np.min(np.abs(values))), 1e-2)
         cells = [_number(value, digits, decimal, thousands) for value in values]
-        columns.append((name, unit, cells))
+        columns.append(Column(quantity, name, unit, cells, values))
     n_others = int(rng.integers(0, 4))
     for index in rng.choice(len(OTHERS), n_others, replace=False):
         header, middle, spread = OTHERS[index]
         values = rng.normal(middle, spread, tests)
-        columns.append((header, "", [_number(v, 1, decimal, "") for v in values]))
+        cells = [_number(v, 1, decimal, "") for v in values]
+        columns.append(Column("", header, "", cells, values))
+
+    def written(number: float, digits: int) -> str:
+        return _number(number, digits, decimal, thousands)
+
+    draft = Draft(columns, truth, written, style != "none")
     rival = ""
-    if rng.random() < 0.15:
+    attack = ""
+    choice = rng.random()
+    if choice < 0.12:
         quantity, rival = RIVALS[rng.integers(len(RIVALS))]
-        size, zero = next(iter(UNITS[KINDS[quantity]].values()))
-        values = truth[quantity] / size * rng.uniform(0.7, 1.0, tests)
         unit = next(iter(UNITS[KINDS[quantity]]))
-        columns.append((rival, unit, [_number(v, 3, decimal, "") for v in values]))
+        size, _ = UNITS[KINDS[quantity]][unit]
+        values = truth[quantity] / size * rng.uniform(0.7, 1.0, tests)
+        draft.add(rival, unit, values)
         complete = False
+    elif choice < 0.37:
+        change = COLUMN_ATTACKS[rng.integers(len(COLUMN_ATTACKS))]
+        still_complete = change(rng, draft)
+        if still_complete is not None:
+            attack = change.__name__
+            complete = complete and still_complete
     unknown = ""
     if rng.random() < 0.05:
         index = int(rng.integers(len(quantities)))
-        name, unit, cells = columns[index]
         unknown = "qx"
-        columns[index] = (name, unknown, cells)
+        columns[index].unit = unknown
         complete = False
-    order = rng.permutation(len(columns))
-    columns = [columns[index] for index in order]
+    rng.shuffle(columns)
     if rng.random() < 0.5:
-        numbers = [str(index + 1) for index in range(tests)]
-        columns.insert(
-            0, (str(rng.choice(["Test", "No.", "Nr", "m", "#1"])), "", numbers)
-        )
+        values = np.arange(1.0, tests + 1.0)
+        name = str(rng.choice(["Test", "No.", "Nr", "m", "#1"]))
+        cells = [str(index + 1) for index in range(tests)]
+        columns.insert(0, Column("", name, "", cells, values))
     if rng.random() < 0.2:
-        columns.append(
-            (str(rng.choice(["Comment", "remark", "Bemerkung"])), "", [""] * tests)
-        )
+        name = str(rng.choice(["Comment", "remark", "Bemerkung"]))
+        columns.append(Column("", name, "", [""] * tests, np.zeros(tests)))
     missing = rng.random() < 0.2
     if missing:
         for _ in range(int(rng.integers(1, 3))):
-            cells = columns[rng.integers(len(columns))][2]
-            cells[rng.integers(tests)] = str(
-                rng.choice(["", "n/a", "NaN", "-9999", "---"])
-            )
-    lines = _lines(rng, columns, style)
+            cells = columns[rng.integers(len(columns))].cells
+            code = str(rng.choice(NO_VALUES))
+            cells[rng.integers(tests)] = code.replace(".", decimal)
+    lines = _lines(columns, style)
+    if not attack and rng.random() < 0.3:
+        change_lines = LINE_ATTACKS[rng.integers(len(LINE_ATTACKS))]
+        first = 2 if style == "row" else 1
+        still_complete = change_lines(rng, lines, draft, first)
+        if still_complete is not None:
+            attack = change_lines.__name__
+            complete = complete and still_complete
+    if rng.random() < 0.2:
+        lines.insert(0, ["Bench report 7"] + [""] * (len(lines[0]) - 1))
     text = "\n".join(
         separator.join(_quoted(cell, separator) for cell in line) for line in lines
     )
@@ -354,6 +379,7 @@ def random_table(rng: np.random.Generator) -> RandomTable:
         "thousands": thousands,
         "rival": rival,
         "unknown": unknown,
+        "attack": attack,
         "missing": missing,
         "encoding": encoding,
     }
@@ -362,7 +388,8 @@ def random_table(rng: np.random.Generator) -> RandomTable:
 
 def _number(value: float, digits: int, decimal: str, thousands: str) -> str:
     text = f"{value:,.{digits}f}" if thousands else f"{value:.{digits}f}"
-    return text.translate(str.maketrans({",": thousands, ".": decimal}))
+    signs: dict[str, str | int | None] = {",": thousands, ".": decimal}
+    return text.translate(str.maketrans(signs))
 
 
 def _quoted(cell: str, separator: str) -> str:
@@ -371,23 +398,28 @@ def _quoted(cell: str, separator: str) -> str:
     return cell
 
 
-def _lines(
-    rng: np.random.Generator, columns: list[tuple[str, str, list[str]]], style: str
-) -> list[list[str]]:
-    """Return title, header, row of units and rows."""
+def _unit(rng: np.random.Generator, kind: str, style: str) -> str:
+    """Draw the unit of a column."""
+    if style == "_":
+        return str(rng.choice(SUFFIXES[kind]))
+    if style == "none" and kind in CONVENTIONAL:
+        return str(rng.choice(CONVENTIONAL[kind]))
+    return str(rng.choice(list(UNITS[kind])))
+
+
+def _lines(columns: list[Column], style: str) -> list[list[str]]:
+    """Return header, row of units and rows."""
     forms = {"[]": "{} [{}]", "()": "{} ({})", "/": "{} / {}", "_": "{}_{}"}
     header = []
-    for name, unit, _ in columns:
-        header.append(
-            forms[style].format(name, unit) if style in forms and unit else name
-        )
+    for column in columns:
+        text = column.name
+        if style in forms and column.unit:
+            text = forms[style].format(column.name, column.unit)
+        header.append(text)
     lines = [header]
     if style == "row":
-        lines.append([unit or "-" for _, unit, _ in columns])
+        lines.append([column.unit or "-" for column in columns])
     lines += [
-        list(row) for row in zip(*(cells for _, _, cells in columns), strict=True)
+        list(row) for row in zip(*(column.cells for column in columns), strict=True)
     ]
-    if rng.random() < 0.2:
-        title = ["Bench report 7"] + [""] * (len(columns) - 1)
-        lines.insert(0, title)
     return lines

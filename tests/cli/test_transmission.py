@@ -50,7 +50,8 @@ def test_check_draws_the_power_paths(hmcvt, tmp_path):
     assert done.code == 0 and "forward" in done.out
     drawn = picture.read_text(encoding="utf-8")
     assert all(
-        word in drawn for word in ("engine", "pump", "motor", "output", "6 x 11")
+        word in drawn
+        for word in ("engine", "pump", "motor", "6 x 11 = 0.8082", "at stroke -1, 0, 1")
     )
 
 
@@ -88,7 +89,33 @@ def test_reports_have_a_format(hmcvt, tmp_path):
 def test_what_is_not_stated_is_asked(tmp_path):
     """The answers come line by line on stdin; an empty one goes on."""
     pairs = [f"{name}={ratio}" for name, ratio in PAIRS.items()]
-    answers = "\n".join([*pairs, "", "k1=2.56", "", STAGE, "", ""])
+    units = ["80", "80.5", ""]
+    answers = "\n".join([*pairs, "", "k1=2,56", "", *units, STAGE, "", ""])
     done = process("transmission", "new", tmp_path / "T.yaml", input=answers)
     assert done.code == 0, done.err
-    assert "HM4" in done.out and (tmp_path / "T.yaml").is_file()
+    assert "HM4" in done.out
+    text = (tmp_path / "T.yaml").read_text()
+    assert "{k1: 2.56}" in text and "gear_efficiency: 0.98" in text
+    assert "pump_displacement_cm3_per_rev: 80\n" in text
+    assert "motor_displacement_cm3_per_rev: 80.5\n" in text
+
+
+def test_an_answer_that_cannot_be_read_is_asked_again(tmp_path):
+    pairs = [f"{name}={ratio}" for name, ratio in PAIRS.items()]
+    wrong_stage = STAGE.replace("row=", "rw=")
+    lines = ["2", *pairs, "", "k1", "k1=2.56", "", "80 cc", "80", "80", "", wrong_stage]
+    answers = "\n".join([*lines, STAGE, "", ""])
+    done = process("transmission", "new", tmp_path / "T.yaml", input=answers)
+    assert done.code == 0, done.err
+    for refused in ("'2' is not", "'k1' is not", "'80 cc' is not", "'rw=k1' is not"):
+        assert refused in done.err
+
+
+def test_an_assumed_displacement_is_stated(hmcvt, tmp_path):
+    stated = ("--pump-displacement", "80", "--motor-displacement", "80,5")
+    path = tmp_path / "T.yaml"
+    assert "is assumed for" in hmcvt(*arguments(path), "--stage", STAGE).out
+    path = tmp_path / "U.yaml"
+    done = hmcvt(*arguments(path), *stated, "--stage", STAGE)
+    assert "is assumed for" not in done.out
+    assert "motor_displacement_cm3_per_rev: 80.5\n" in path.read_text()

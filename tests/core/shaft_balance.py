@@ -241,7 +241,9 @@ class Balance:
 
     def pulled(self, start, rest):
         """Speed under a load that slows the output; and how far the load is from the most."""
-        nearest = np.where(np.abs(rest) < np.abs(start), rest, 0.0)
+        # Closer to rest than a slope is taken, the unit rests from the start.
+        is_slower = np.abs(rest) < np.abs(start) * (1.0 - _BESIDE_REST)
+        nearest = np.where(is_slower, rest, 0.0)
         speed, peak, at_end = self.in_segment(start, nearest, start)
         most = peak
         # Beyond the unit at rest the branch goes on only if the power rises up to there.

@@ -2,11 +2,13 @@
 """Arguments of another type are refused with a line that says what is wanted."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 import hmcvt_core as hmcvt
 
@@ -109,6 +111,51 @@ def test_what_is_wanted_is_said(call, message):
     with pytest.raises(hmcvt.InputError, match=message) as caught:
         call()
     assert len(str(caught.value).splitlines()) == 1
+
+
+READERS = (
+    (hmcvt.load_model, "a parameter file"),
+    (hmcvt.load_stage, "a transmission file"),
+    (hmcvt.load_engine, "an engine file"),
+)
+FILES = (
+    ("params/hm4.yaml", "a parameter file of a model"),
+    ("params/transmission.yaml", "a transmission file"),
+    ("params/engine.yaml", "an engine file"),
+)
+
+
+@pytest.mark.parametrize(("read", "wanted"), READERS)
+@pytest.mark.parametrize(("file", "kind"), FILES)
+def test_readers_name_the_kind_given_and_the_one_wanted(read, wanted, file, kind):
+    path = hmcvt.data_path(file)
+    text = Path(path).read_text(encoding="utf-8")
+    given = {
+        f"the text of {kind}": text,
+        f"the content of {kind} as a dict": yaml.safe_load(text),
+    }
+    for description, value in given.items():
+        message = f"the path of {wanted} is wanted, not {description}"
+        with pytest.raises(hmcvt.InputError, match=message):
+            read(value)
+    if kind.startswith(wanted):
+        return
+    for value in (str(path), Path(path)):
+        with pytest.raises(
+            hmcvt.InputError, match=f"is {kind}; wanted is {wanted}"
+        ) as caught:
+            read(value)
+        assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_table_is_not_taken_for_a_parameter_file():
+    table = hmcvt.data_path("data/table2.csv")
+    with pytest.raises(
+        hmcvt.InputError, match=r"is a table \(\.csv\); wanted is a para"
+    ):
+        hmcvt.load_model(table)
+    with pytest.raises(hmcvt.InputError, match="bench file is wanted, not the text of"):
+        hmcvt.read_bench(Path(table).read_text(encoding="utf-8"))
 
 
 def test_validation_is_the_former_name_of_holdout():

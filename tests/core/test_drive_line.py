@@ -1,9 +1,11 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Engine and drive line: the optimum against brute force, limits, hysteresis, bad input."""
 
+import json
 import math
 import time
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -163,7 +165,7 @@ TABLE = """engine_speed [r/min],torque [N m],fuel [g/kWh]
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[g/kWh]", "[l/h]", r"'l/h' is no unit of fuel; there is kg/s, g/h"),
+        ("[g/kWh]", "[l/h]", r"'l/h' is no unit of fuel; there is kg/s, g/s, g/h"),
         ("fuel [g/kWh]", "fuel", r"column fuel \[unit\] is missing"),
         ("[r/min]", "[rad/s]", r"row 2: engine_speed = 1000 is outside 10 to 320"),
         ("1000,300,230\n", "", r"row 3: 1000 r/min: torques 100, 600 N m leave a hole"),
@@ -208,3 +210,17 @@ def test_wrong_demands_are_named(options, message):
         TRACTOR.optimal_drive(
             **{"output_speed": 100.0, "output_power": 3e4, "engine": ENGINE, **options}
         )
+
+
+def test_an_engine_reports_itself():
+    lines = ENGINE.report().splitlines()
+    assert lines[0] == "800 to 2350 r/min"
+    assert "750.0 N m, at 1500 r/min" in lines[1]
+    assert "132.0 kW, at 2200 r/min" in lines[2]
+    assert "g/kWh" in lines[3]
+    data = json.loads(json.dumps(ENGINE.to_dict(), allow_nan=False))
+    assert np.shape(data["fuel"]) == ENGINE.fuel.shape
+    figure, axes = plt.subplots()
+    assert ENGINE.plot(ax=axes) is figure
+    assert axes.get_ylabel() == "torque [N m]"
+    plt.close(figure)

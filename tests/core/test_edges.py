@@ -73,7 +73,7 @@ def test_self_locking_output_stands_without_load(load_torque):
     np.testing.assert_array_equal(model.power_loss(*column(*point)), [loss])
     watts = sum(model.breakdown(*point).losses.values())
     if load_torque == 0.0:
-        assert model.output_speed(*point) == pytest.approx(0.0, abs=1e-9)
+        assert str(model.output_speed(*point)) == "0.0"
         assert loss == pytest.approx(100.3e3, abs=50.0)
         assert watts == pytest.approx(loss, rel=1e-9)
     else:
@@ -91,7 +91,10 @@ def test_self_locking_output_stands_without_load(load_torque):
 )
 def test_friction_holds_an_output_without_load(file, point, loss):
     model = next(iter(load_model(STAGES / file).stages.values()))
-    assert model.output_speed(*point) == pytest.approx(0.0, abs=1e-9)
+    assert str(model.output_speed(*point)) == "0.0"
+    assert str(model.output_speed(*column(*point))[0]) == "0.0"
+    with_effect = replace(model, effects=(ChargePump(0.0),))
+    assert str(with_effect.output_speed(*point)) == "0.0"
     watts = model.breakdown(*point)
     assert sum(watts.losses.values()) == pytest.approx(
         model.power_loss(*point), rel=1e-9

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The model as users hold it: shapes, input checks, standard errors, domain, map."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -197,3 +198,42 @@ def test_domain_is_checked(low):
     message = rf"domain\.engine_speed = \[{low}, 1\.0\]: needs two rising numbers"
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.Domain((-1.0, 1.0), (low, 1.0), (1.0, 2.0))
+
+
+def test_a_breakdown_reports_its_stage(model):
+    watts = model.breakdown(*POINT)
+    lines = watts.report().splitlines()
+    assert lines[0] == "stage HM4"
+    assert lines[1].split() == [
+        "from",
+        "the",
+        "engine",
+        f"{watts.input_power:.0f}",
+        "W",
+    ]
+    data = json.loads(json.dumps(watts.to_dict(), allow_nan=False))
+    assert data["stage"] == "HM4"
+    assert sum(data["losses"].values()) == pytest.approx(model.power_loss(*POINT))
+    axes = watts.plot().axes[0]
+    assert axes.get_title(loc="left") == "Where the power goes, stage HM4"
+    assert len(axes.patches) == len(watts.losses)
+
+
+def test_a_breakdown_of_points_reports_the_mean_of_those_with_an_answer(model):
+    watts = model.breakdown([0.5, 0.5, 0.01], 100.0, [100.0, 200.0, 5000.0])
+    assert np.isnan(watts.input_power[2])
+    mean = np.mean(watts.losses["leakage"][:2])
+    assert watts.mean_losses()["leakage"] == pytest.approx(mean)
+    assert watts.report().startswith("stage HM4, mean of 2 of 3 points\n")
+    assert watts.to_dict()["input_power"][2] is None
+    unanswered = model.breakdown(0.01, 100.0, 5000.0)
+    assert unanswered.report() == "stage HM4: no answer"
+
+
+def test_a_domain_reports_its_axes():
+    domain = hmcvt.Domain((-1.0, 1.0), (80.0, 230.0), (10.0, 20.0))
+    assert domain.report().splitlines() == [
+        "displacement ratio -1 to 1",
+        "engine speed       80 to 230 rad/s",
+        "load torque        10 to 20 N m",
+    ]

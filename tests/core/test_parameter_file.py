@@ -288,7 +288,7 @@ def test_number_for_the_name_of_a_gear_pair_is_the_same_file(saved, model):
             r"file at line 1: 'tag:yaml.org,2002:bool' is a tag: write the value",
         ),
         (b"schema: " + b"x" * 5000, r"schema = 'x+ \.\.\.$"),
-        (b"#" * 5_000_000, r"wrong\.yaml: larger than 4 MiB, not a parameter file"),
+        (b"#" * 5_000_000, r"wrong\.yaml: larger than 1 MiB, not a parameter file"),
     ],
 )
 @pytest.mark.parametrize("load", [hmcvt.load_model, hmcvt.load_stage])

@@ -8,7 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.set_aside import set_aside_remarks
+from hmcvt_core.identification.set_aside import agreement, set_aside_remarks
 
 TRUTH = hmcvt.HydraulicParameters(1.5e-11, 0.11, 0.105)
 NOISE = 0.006
@@ -40,7 +40,10 @@ def test_one_bad_sample_is_named_and_does_not_count(hm4, reading):
     sentence = next(text for text in fit.warnings if "set aside" in text)
     start = f"sample 8 is set aside: it reads {reading:g}, the rest of the samples say "
     assert sentence.startswith(start)
-    assert float(sentence.removeprefix(start)) == pytest.approx(expected, abs=0.02)
+    said, _, point = sentence.removeprefix(start).partition(" ")
+    assert float(said) == pytest.approx(expected, abs=0.02)
+    stroke = samples.displacement_ratio[7]
+    assert point.startswith(f"(displacement ratio {stroke:.3g}, ")
     assert any(text.startswith("with all 40 samples the fit") for text in fit.warnings)
     rest = hmcvt.identify(samples.select(np.delete(np.arange(40), 7)))
     np.testing.assert_allclose(
@@ -65,6 +68,57 @@ def test_standard_errors_mean_what_they_say(hm4):
 @pytest.mark.parametrize("seed", range(3))
 def test_honest_samples_all_count(hm4, seed):
     assert hmcvt.identify(campaign(hm4, seed=seed)).set_aside == ()
+
+
+@pytest.mark.parametrize("count", [5, 7, 8, 12])
+def test_honest_samples_of_small_campaigns_all_count(hm4, count):
+    """At most one campaign of a hundred may lose an honest sample."""
+    model = hmcvt.EfficiencyModel(hm4, TRUTH)
+    for seed in range(12):
+        belongs = agreement(model, campaign(hm4, count, seed), seed).belongs
+        assert belongs.all(), seed
+
+
+@pytest.mark.parametrize("count", [7, 8, 40])
+def test_only_the_typo_is_set_aside(hm4, count):
+    model = hmcvt.EfficiencyModel(hm4, TRUTH)
+    for seed in range(4):
+        samples = campaign(hm4, count, seed)
+        wrong = 0.6 * samples.efficiency[3]
+        belongs = agreement(model, with_reading(samples, 3, wrong), seed).belongs
+        assert np.flatnonzero(~belongs).tolist() == [3], seed
+
+
+def most_carried(model, stroke, speed):
+    """Highest load torque with an answer [N m]."""
+    carried, refused = 1.0, 5000.0
+    while refused - carried > 1e-6:
+        middle = 0.5 * (carried + refused)
+        if np.isfinite(model.efficiency(stroke, speed, middle)):
+            carried = middle
+        else:
+            refused = middle
+    return carried
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6, 8])
+def test_a_sample_close_to_stall_counts(seed):
+    """A little more leakage than the true one has no answer at it."""
+    stages = hmcvt.load_model(hmcvt.data_path("params/hydrostatic.yaml")).stages
+    model = replace(next(iter(stages.values())), parameters=TRUTH)
+    rng = np.random.default_rng(seed)
+    stroke = rng.uniform(0.25, 1.0, 20)
+    speed = rng.uniform(90.0, 220.0, 20)
+    share = np.append(0.9995, rng.uniform(0.1, 0.8, 19))
+    limit = [most_carried(model, *at) for at in zip(stroke, speed, strict=True)]
+    torque = share * limit
+    noise = 1.0 + 0.011 * rng.standard_normal(20)
+    measured = model.efficiency(stroke, speed, torque) * noise
+    samples = hmcvt.BenchSamples(stroke, speed, torque, measured)
+    assert agreement(model, samples, 0).belongs.all()
+    typo = with_reading(samples, 9, 0.5 * measured[9])
+    belongs = agreement(model, typo, 0).belongs
+    assert np.flatnonzero(~belongs).tolist() == [9]
 
 
 def test_few_samples_all_count(table2, fitted):
@@ -105,7 +159,7 @@ def test_a_sample_without_an_answer_is_named_in_words(hm4):
     expected = np.array([0.8, np.nan, 0.7])
     (remark,) = set_aside_remarks(samples, np.array([1]), expected)
     assert remark.startswith("row 3 is set aside: it reads ")
-    assert remark.endswith("the model of the rest has no answer at it")
+    assert "the model of the rest has no answer at it (" in remark
 
 
 def test_numbers_set_aside_count_in_the_file(hm4, tmp_path):

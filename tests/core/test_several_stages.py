@@ -155,7 +155,7 @@ def test_gears_and_a_torque_meter_are_twins_in_one_stage_and_not_in_three():
     )
     assert three.sets[0].effects == ("gear_mesh",)
     told = {cause.effect: cause.probability for cause in three.causes}
-    assert told["gear_mesh"] > 0.6 and told.get("torque_sensor", 0.0) < 0.05
+    assert told["gear_mesh"] > 0.6 and told.get("torque_sensor", 0.0) < 0.1
     assert list(three.model.stages) == list(TRACTOR.stages)
 
 

@@ -54,7 +54,8 @@ UNKNOWN_TO_PINT = {"1/min", "min-1", "U/min"}
 def pairs():
     listed = {(kind, unit) for kind, units in KIND_UNITS.items() for unit in units}
     listed |= {(kind_of(name), unit) for name, units in UNITS.items() for unit in units}
-    return sorted(pair for pair in listed if pair[1] not in UNKNOWN_TO_PINT)
+    known = {pair for pair in listed if pair[1] not in UNKNOWN_TO_PINT}
+    return sorted(pair for pair in known if "@" not in pair[1])
 
 
 @pytest.mark.parametrize(("kind", "unit"), pairs())

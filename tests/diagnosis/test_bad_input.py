@@ -103,6 +103,6 @@ def test_samples_the_model_cannot_carry():
     assert f"efficiency {odd.efficiency[0]:.4g}, stands alone" in found.notes[1]
     most = with_column(QUIET, load_torque=np.full(24, 4900.0))
     with pytest.raises(
-        hmcvt.InputError, match=r"14 of 24 samples ask .* check load_torque"
+        hmcvt.InputError, match=r"15 of 24 samples ask .* check load_torque"
     ):
         hmcvt.diagnose(BASE, most, noise=NOISE)

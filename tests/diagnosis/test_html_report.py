@@ -17,11 +17,15 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
+from hmcvt_core.diagnosis.results.stages import stages_of
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_report
+from hmcvt_core.report.figures import test_labels as labels_of_tests
+from hmcvt_core.report.figures import test_rows as rows_of_tests
 from hmcvt_core.report.gap_map import draw_view, estimate, held_values, views
 from hmcvt_core.report.residuals import stage_rows
+from hmcvt_core.report.sheet import draw_sheet
 
 from .campaigns import BASE, NOISE, campaign
 from .html_browser import Layout, clicked, laid_out
@@ -509,7 +513,8 @@ def test_contours_of_a_map_are_round_and_differ_without_colour() -> None:
     (lines,) = [item for item in axes.collections if item.get_hatch() is None][1:2]
     assert lines.levels.tolist() == (-lines.levels[::-1]).tolist()
     step = lines.levels[1] - lines.levels[0]
-    assert step in (0.2, 0.25, 0.5)
+    assert step / 10.0 ** np.floor(np.log10(step)) in (1.0, 2.0, 2.5, 5.0)
+    assert 5 <= len(lines.levels) <= 19
     dashed = [style[1] is not None for style in lines.get_linestyles()]
     assert dashed == (lines.levels < 0.0).tolist()
 
@@ -548,7 +553,7 @@ def test_recorded_temperature_is_an_axis_of_maps() -> None:
 def of_stages() -> Diagnosis:
     tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     worn = replace(tractor, effects=(ChargePump(8.0),))
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(1)
     stage = np.array(["HM3"] * 16 + ["HM4"] * 24)
     stroke = rng.uniform(-1.0, 1.0, 40)
     speed = rng.uniform(80.0, 220.0, 40)
@@ -582,12 +587,43 @@ def test_page_and_report_of_several_stages() -> None:
         )
         assert drawn is not None
         assert drawn[0].count(" points</title>") == count
-        assert f"stage HM{number + 3}, at displacement" in drawn[0].replace(
-            "\N{NO-BREAK SPACE}", " "
-        )
+        letters = drawn[0].replace("\N{NO-BREAK SPACE}", " ")
+        assert f">stage HM{number + 3}, at displacement ratio" in letters
     lines = found.report().splitlines()
     assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
     assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)
+    assert "stages HM3, HM4</h1>" in shown
+
+
+def test_the_stage_of_the_next_test_is_named() -> None:
+    point = {"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 200.0}
+    named = ("charge pump", "bearing drag")
+    test = NextTest(point, named, 0.3, setting={"stage": "HM3"})
+    without = NextTest(None, named, 0.0, "measure the charge pressure")
+    found = replace(of_stages(), next_tests=(test, without))
+    assert labels_of_tests(found) == ["stage"]
+    (row,) = rows_of_tests(found)
+    assert row[2:4] == ("HM3", "0.50")
+    assert labels_of_tests(diagnosis("ambiguous")) == []
+    assert re.search(r">distinguishes</th>\s*<th[^>]*>stage</th>", html(found))
+
+
+def test_stages_are_in_one_order() -> None:
+    samples = of_stages().samples
+    backward = samples.select(np.arange(len(samples))[::-1])
+    assert stages_of(samples) == stages_of(backward) == ["HM3", "HM4"]
+
+
+def test_sheet_of_several_stages() -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.27, 11.69))
+    draw_sheet(figure, of_stages())
+    lines = [text.get_text() for text in figure.texts]
+    assert lines[0].endswith("stages HM3, HM4")
+    assert not any(line.startswith("candidates: ") for line in lines)
+    bottom = min(text.get_position()[1] for text in figure.texts)
+    assert bottom > 0.03
 
 
 def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:

@@ -49,11 +49,24 @@ def test_mimic_lowers_visibility(speed_noise):
         i, j = found.effects.index(one), found.effects.index(other)
         assert found.separation[i, j] < 0.02 * found.detectability[i]
         assert other in found.indistinguishable_from(one)
-    assert "pressure_leakage" not in found.indistinguishable_from("charge_pump")
+    pump = found.effects.index("charge_pump")
+    leakage = found.effects.index("pressure_leakage")
+    assert found.separation[pump, leakage] > 0.8 * found.detectability[pump]
+    # The zero of a meter in a session hides three quarters of a charge pump of typical size. What
+    # is left is visible, and without the speed too little for a certain distinction.
+    others = found.indistinguishable_from("charge_pump")
+    assert ("pressure_leakage" in others) == (speed_noise is None)
 
 
 def test_more_data_never_lower_separation():
     samples = measure(random_points(3, 48), noise=0.0)
+    # The largest torques come first: the range of a meter, and so its error, follows them.
+    engine_torque = samples.load_torque / samples.efficiency
+    output_torque = samples.load_torque * samples.engine_speed / samples.output_speed
+    relative = np.maximum(
+        engine_torque / engine_torque.max(), output_torque / output_torque.max()
+    )
+    samples = samples.select(np.argsort(-relative))
     found = [
         _matrix(with_column(samples.select(np.arange(12)), output_speed=None)),
         *(_matrix(samples.select(np.arange(n))) for n in (12, 24, 48)),

@@ -1,20 +1,24 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The search for a gap: p values that mean what they say, and the regions that are searched."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
 from hmcvt_core.benches.transmission import observe
+from hmcvt_core.benches.transmission.channels import AXES
 from hmcvt_core.diagnosis.detection.regions import candidate_regions, covering
 from hmcvt_core.diagnosis.detection.significance import significance
-from hmcvt_core.diagnosis.observations import scaled_to_extent, smooth_functions
+from hmcvt_core.diagnosis.observations import SmoothFunctions, scaled_to_extent
 from hmcvt_core.diagnosis.preparation import uneven_noise
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import NOISE, campaign, factorial_points, fitted, measure, random_points
 
+NAMES = [axis.name for axis in AXES[:2]]
 REPLICATES = 199
 LEVEL = 0.05
 CAMPAIGNS = [campaign(seed=1000 + seed, n=16) for seed in range(24)]
@@ -180,11 +184,25 @@ def test_smooth_functions_are_orthonormal_legendre_products():
     place = np.concatenate(
         [rng.uniform(2.0, 5.0, (2, 40_000)), [[2.0], [2.0]], [[5.0], [5.0]]], 1
     )
-    values, degree = smooth_functions(place, 2)
-    assert degree.tolist() == [0, 1, 1, 2, 2, 2]
-    np.testing.assert_allclose(values.T @ values / len(values), np.eye(6), atol=0.05)
+    smooth = SmoothFunctions(AXES[:2], dict(zip(NAMES, place, strict=True)))
+    values = smooth.at_campaign
+    assert smooth.degree.tolist() == [0] + [1] * 2 + [2] * 3 + [3] * 4
+    np.testing.assert_allclose(values.T @ values / len(values), np.eye(10), atol=0.05)
     x = scaled_to_extent(place)[0]
     assert (x.min(), x.max()) == (-1.0, 1.0)
+    (quadratic,) = np.flatnonzero((smooth.powers == [2, 0]).all(axis=1))
     np.testing.assert_allclose(
-        values[:, -1], np.sqrt(5.0) * (1.5 * x**2 - 0.5), atol=1e-12
+        values[:, quadratic], np.sqrt(5.0) * (1.5 * x**2 - 0.5), atol=1e-12
     )
+
+
+def test_an_axis_that_is_only_recorded_takes_part_up_to_the_second_degree():
+    place = np.random.default_rng(0).uniform(2.0, 5.0, (2, 9))
+    recorded = replace(AXES[1], steered=False)
+    smooth = SmoothFunctions((AXES[0], recorded), dict(zip(NAMES, place, strict=True)))
+    with_it = smooth.powers[:, 1] > 0
+    assert smooth.degree[with_it].tolist() == [1, 2, 2]
+    assert smooth.degree[~with_it].tolist() == [0, 1, 2, 3]
+    # Functions of one axis share an amplitude, and products another.
+    assert smooth.family[smooth.powers.tolist().index([0, 2])] == 2
+    assert smooth.family[smooth.powers.tolist().index([1, 1])] == 3

@@ -10,8 +10,9 @@ import json
 import os
 import signal
 import subprocess
+import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,48 @@ if not CORE_ONLY:
 
         def call(self, service: str, timeout: float = 100.0) -> Reply:
             return super().call(service, timeout)
+
+
+BUSY = 3.0
+"""Load of the machine from which an idle priority gets nothing in the time of a test."""
+
+
+class Boost:
+    """Lets the workers of nodes compute on a machine that is busy with something else.
+
+    A worker computes only while no other process wants to, so that a test of what it computes would
+    wait for the other programs of the machine.
+    """
+
+    def __init__(self) -> None:
+        self._nodes: list[int] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def add(self, pid: int) -> None:
+        """Take a node."""
+        self._nodes.append(pid)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended.wait(0.5):
+            if os.getloadavg()[0] < BUSY:
+                continue
+            for pid in self._nodes:
+                with suppress(OSError):
+                    self._raise_children(pid)
+
+    def _raise_children(self, pid: int) -> None:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+        for child in map(int, children.split()):
+            os.sched_setscheduler(child, os.SCHED_OTHER, os.sched_param(0))
+            for task in Path(f"/proc/{child}/task").iterdir():
+                os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
 class NodeUnderTest:
@@ -242,6 +285,8 @@ def start_anywhere(
     `launcher` are the words of a command that goes before that of the node.
     """
     started = ExitStack()
+    boost = Boost()
+    started.callback(boost.close)
 
     def start(
         model_file: Path,
@@ -252,7 +297,12 @@ def start_anywhere(
         folder = tmp_path_factory.mktemp("node")
         state = state or folder / "state"
         namespace = f"/node{next(_numbers)}"
-        given = {"model_file": model_file, "state_folder": state, **parameters}
+        given = {
+            "model_file": model_file,
+            "state_folder": state,
+            "limits_at_run_time": True,
+            **parameters,
+        }
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
                 [
@@ -267,6 +317,7 @@ def start_anywhere(
             )
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
         started.callback(node.kill)
+        boost.add(process.pid)
         up = node.player.wait_for_node(running=lambda: process.poll() is None)
         assert up, f"the node did not come up:\n{node.log}"
         return node

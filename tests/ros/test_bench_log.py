@@ -2,13 +2,15 @@
 """The bench log on disk."""
 
 import threading
+import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from ros_bench import file_limit
 
 import hmcvt_core as hmcvt
-from hmcvt_ros import recorder
+from hmcvt_ros import jobs, recorder
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from studies.soak.kill_lines import sample
 
@@ -23,6 +25,11 @@ def filled(path, count):
     for number in range(count):
         log.write(rows_of(sample(number)))
     return log
+
+
+def values(path):
+    """Return the rows without their chain, which changes when a row before is taken out."""
+    return [line.rpartition(",")[0] for line in path.read_text().splitlines()[1:]]
 
 
 def test_every_cut_of_the_file_leaves_the_whole_samples(path):
@@ -91,32 +98,100 @@ def test_torn_log_that_cannot_be_repaired_yet_is_repaired_later(path):
 def test_flipped_bits_change_no_value_silently(path):
     filled(path, 3)
     whole = path.read_bytes()
-    original = path.read_text().splitlines()[1:]
+    original = values(path)
     for place in range(0, len(whole), 4):
         raw = bytearray(whole)
         raw[place] ^= 1 << place // 4 % 8
         path.write_bytes(raw)
         log = BenchLog(path, limit=100)
         assert log.recovered, place
-        rows = path.read_text().splitlines()[1:]
+        rows = values(path)
         assert len(rows) == len(log) >= 1  # a line end that is gone takes two
         assert set(rows) <= set(original)
-    assert len(list(path.parent.glob("log.damaged-*.csv"))) == 10
     assert path.with_name(f"log.damaged-{place // 4 + 1}.csv").read_bytes() == bytes(
         raw
     )
 
 
-def test_log_without_checksums_is_taken_over(path):
+def crc(text):
+    return f"{text},{zlib.crc32(text.encode()):08x}"
+
+
+@pytest.mark.parametrize("with_checksums", [False, True])
+def test_log_of_an_earlier_version_is_taken_over(path, with_checksums):
     filled(path, 3)
     new = path.read_bytes()
-    old = b"".join(line.rpartition(b",")[0] + b"\n" for line in new.splitlines())
-    path.write_bytes(old)
+    header, *rows = path.read_text().splitlines()
+    header = header.removesuffix(",stated_std,crc,chain")
+    rows = [row.rsplit(",", 3)[0] for row in rows]
+    if with_checksums:
+        header = f"{header},crc"
+        rows = [crc(row) for row in rows]
+    path.write_text("\n".join([header, *rows, ""]))
     log = BenchLog(path, limit=100)
     assert len(log) == 3 and log.recovered == ""
     assert path.read_bytes() == new
     log.write(rows_of(sample(3)))
     np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(4.0))
+
+
+def test_log_that_is_removed_or_moved_is_noticed_at_the_next_sample(path):
+    log = filled(path, 5)
+    path.unlink()
+    log.write(rows_of(sample(5)))
+    assert log.recovered.endswith("is gone, and 5 samples with it")
+    log.write(rows_of(sample(6)))
+    path.rename(path.with_name("rotated.csv"))
+    log.write(rows_of(sample(7)))
+    assert log.recovered.endswith("is gone, and 7 samples with it")
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [7.0])
+    # Another file of the same size.
+    copy = path.read_bytes()
+    path.rename(path.with_name("rotated.csv"))
+    path.write_bytes(copy[:-20] + b"0" * 19 + b"\n")
+    log.write(rows_of(sample(8)))
+    assert "1 damaged lines taken out" in log.recovered
+    np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, [8.0])
+
+
+def test_rows_appended_again_are_set_aside(path, tmp_path):
+    log = filled(path, 6)
+    lines = path.read_bytes().splitlines(keepends=True)
+    other = tmp_path / "other.csv"
+    earlier = BenchLog(other, limit=100)
+    for number in range(10, 19):
+        earlier.write(rows_of(sample(number)))
+    foreign = other.read_bytes().splitlines(keepends=True)
+    for again in (lines[2:5], lines[1:], foreign[7:], lines[6:]):
+        with path.open("ab") as file:
+            file.writelines(again)
+        log.check()
+        assert f"{len(again)} damaged lines taken out" in log.recovered
+        assert len(log) == 6
+        np.testing.assert_array_equal(hmcvt.read_bench(path).stamp, np.arange(6.0))
+
+
+def test_link_in_place_of_the_log_is_not_followed(path, tmp_path):
+    log = filled(path, 3)
+    target = tmp_path / "target.csv"
+    target.write_text("mine")
+    path.unlink()
+    path.symlink_to(target)
+    for act in (log.check, log.set_aside, lambda: log.write(rows_of(sample(3)))):
+        with pytest.raises(OSError, match="is a link"):
+            act()
+    assert target.read_text() == "mine" and path.is_symlink()
+
+
+def test_stated_standard_deviation_is_logged_and_used(path):
+    log = filled(path, 1)
+    log.write(rows_of(replace(sample(1), efficiency_std=np.array([0.003]))))
+    read = jobs.bench_of(path)
+    np.testing.assert_allclose(read.efficiency_std, [0.0112 * 0.8, 0.003])
+    assert jobs.bench_of(path, 0.02).efficiency_std.tolist() == [0.02, 0.003]
+    log.set_aside()
+    log.write(rows_of(sample(0)))
+    assert jobs.bench_of(path).efficiency_std is None
 
 
 @pytest.mark.parametrize(

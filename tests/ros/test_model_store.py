@@ -2,7 +2,9 @@
 """Which model is in service, over refits, reverts, restarts and damage."""
 
 import json
+import os
 import shutil
+import time
 from dataclasses import replace
 
 import pytest
@@ -11,8 +13,9 @@ from ros_bench import adopted
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
+from hmcvt_ros import model_store, state_folder
 from hmcvt_ros.model_store import ModelStore, proven
-from hmcvt_ros.state_folder import keep_newest, next_name
+from hmcvt_ros.state_folder import PAGE_DATA, PAGES, next_name
 
 
 @pytest.fixture
@@ -139,21 +142,70 @@ def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
     assert store.complaint == ""
 
 
-def test_refits_are_pruned_but_those_one_can_go_back_to(paper_file, base, tmp_path):
+def aged(path, days):
+    """Make a file look older."""
+    stamp = time.time() - days * 86_400.0
+    os.utime(path, (stamp, stamp))
+
+
+def test_all_recent_refits_can_be_reverted(paper_file, base, tmp_path, monkeypatch):
+    monkeypatch.setattr(model_store, "MOST_VERSIONS", 25)
     store = ModelStore(paper_file, tmp_path)
-    served = refit(store, 1e-12)
-    for _ in range(60):  # written, and not adopted
-        shutil.copy(tmp_path / "models" / "0001.yaml", store.new_path())
-    for number in range(25):
-        served = refit(store, 2e-12 + number * 1e-15)
-    names = sorted(path.name for path in (tmp_path / "models").iterdir())
-    assert names == [f"{number:04d}.yaml" for number in range(86 - 70 + 1, 87)]
+    served = [refit(store, 1e-12 + number * 1e-15) for number in range(25)]
+    with pytest.raises(hmcvt.HmcvtError, match="25 models were put into service"):
+        refit(store, 9e-12)
+    # What is old gives way, but for the first, from which the drift counts.
+    aged(tmp_path / "models" / "0002.yaml", 31)
+    served.append(refit(store, 8e-12))
     again = ModelStore(paper_file, tmp_path)
-    assert again.in_service.model.fingerprint == served and again.complaint == ""
-    for _ in range(20):
-        last = again.revert()
-    assert last.fingerprint == base.fingerprint
-    assert again.new_path().name == "0087.yaml"
+    assert again.in_service.model.fingerprint == served[-1] and again.complaint == ""
+    assert again.reference.name == "0001.yaml"
+    back = [again.revert().fingerprint for _ in range(25)]
+    assert back == [*served[-2:1:-1], served[0], base.fingerprint]
+
+
+def test_equal_refit_is_no_new_version(paper_file, base, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    first = refit(store, 1e-12)
+    for _ in range(30):
+        assert refit(store, 1e-12) == first
+    assert [path.name for path in (tmp_path / "models").iterdir()] == ["0001.yaml"]
+    assert store.revert().fingerprint == base.fingerprint
+
+
+def test_what_a_person_accepted_last_is_remembered(tmp_path):
+    path = hmcvt.data_path("params/hm4.yaml")
+    store = ModelStore(path, tmp_path)
+    refit(store, 1e-12)
+    assert store.accepted == store.base
+    model, file = store.in_service.model, store.new_path()
+    parameters = replace(model.parameters, leakage=2e-12)
+    hmcvt.save_model(replace(model, parameters=parameters), file)
+    store.adopt(file, accepted=True)
+    refit(store, 3e-12)
+    assert ModelStore(path, tmp_path).accepted == file
+    store.revert()
+    store.revert()
+    assert store.accepted == store.base
+
+
+def test_first_refit_of_an_example_counts_as_accepted(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    refit(store, 1e-12)
+    refit(store, 2e-12)
+    assert store.accepted.name == "0001.yaml"
+
+
+def test_links_are_not_followed(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path / "state")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    refit(store, 1e-12)
+    (tmp_path / "state" / "models").rename(tmp_path / "away")
+    (tmp_path / "state" / "models").symlink_to(elsewhere)
+    with pytest.raises(OSError, match="is a link"):
+        store.new_path()
+    assert list(elsewhere.iterdir()) == []
 
 
 def test_published_formulas_are_not_served(paper_file, base, tmp_path):
@@ -188,17 +240,43 @@ def test_error_of_a_meter_is_not_served(base, tmp_path):
 def test_numbers_rise_and_are_not_used_again(tmp_path):
     folder = tmp_path / "reports"
     for number in range(1, 13):
-        path = next_name(folder, 3)
+        path = next_name(folder, PAGES, PAGE_DATA)
         assert path == folder / f"{number:04d}"
-        path.with_suffix(".html").write_text("")
-        path.with_suffix(".json").write_text("")
-    (folder / "notes.txt").write_text("mine")
-    keep_newest(folder, 2)
-    assert sorted(path.name for path in folder.iterdir()) == [
-        "0011.html",
-        "0011.json",
-        "0012.html",
-        "0012.json",
-        "notes.txt",
+        path.with_suffix(".html").write_text("<!DOCTYPE html>")
+    (folder / "0099.txt").write_text("mine")
+    assert next_name(folder, PAGES).name == "0100"
+
+
+def test_only_old_files_that_the_node_wrote_give_way(tmp_path, monkeypatch):
+    monkeypatch.setattr(state_folder, "KEPT_FILES", 10)
+    for number in range(1, 11):
+        (tmp_path / f"{number:04d}.html").write_text("<!DOCTYPE html>")
+    with pytest.raises(OSError, match="holds 10 files like it"):
+        next_name(tmp_path, PAGES)
+    mine = tmp_path / "0001.html"
+    mine.write_text("mine")
+    target = tmp_path / "target"
+    target.write_text("<!DOCTYPE html>")
+    link = tmp_path / "0002.html"
+    link.unlink()
+    link.symlink_to(target)
+    for name in ("0001.html", "0003.html", "0004.html", "0001.json"):
+        path = tmp_path / name
+        path.touch()
+        aged(path, 31)
+    assert next_name(tmp_path, PAGES).name == "0011"
+    assert mine.read_text() == "mine" and link.is_symlink() and target.exists()
+    assert (tmp_path / "0001.json").exists() and (tmp_path / "0004.html").exists()
+
+
+def test_files_that_are_too_large_together_give_way(tmp_path, monkeypatch):
+    monkeypatch.setattr(state_folder, "KEPT_BYTES", 100_000)
+    for number in range(1, 4):
+        path = tmp_path / f"{number:04d}.html"
+        path.write_text("<!DOCTYPE html>".ljust(40_000))
+        aged(path, 31)
+    next_name(tmp_path, PAGES)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "0002.html",
+        "0003.html",
     ]
-    assert next_name(folder, 3).name == "0013"

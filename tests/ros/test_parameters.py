@@ -42,7 +42,10 @@ def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
     assert len(declaration.description) > 20
     assert declaration.description in descriptor.description
     assert declaration.unit in descriptor.description
-    assert descriptor.read_only == declaration.read_only
+    assert descriptor.read_only == (declaration.read_only or declaration.protects)
+    assert declaration.descriptor(True).read_only == declaration.read_only
+    if isinstance(declaration.default, bool):
+        return
     if isinstance(declaration.default, str):
         assert declaration.default == "" or declaration.default in declaration.choices
     else:

@@ -176,15 +176,30 @@ def test_lost_samples_are_counted_and_told(node, table2):
 
 
 def test_logs_set_aside_are_pruned(node, table2):
+    header = (
+        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,"
+    )
+    old = time.time() - 31 * 86_400.0
     for number in range(1, 1001):
-        (node.state / f"bench_samples.cleared-{number}.csv").write_text("")
+        path = node.state / f"bench_samples.cleared-{number}.csv"
+        path.write_text("mine" if number == 5 else header)
+        if number <= 10:
+            os.utime(path, (old, old + number))
     send_table(node, table2)
     reply = node.player.call("clear_samples")
     assert reply.data["kept_as"].endswith("bench_samples.cleared-1001.csv")
-    kept = {path.name for path in node.state.glob("bench_samples.cleared-*.csv")}
-    assert kept == {
-        f"bench_samples.cleared-{number}.csv" for number in range(992, 1002)
-    }
+    # The oldest makes room; recent ones and files of others do not.
+    names = {path.name for path in node.state.glob("bench_samples.cleared-*.csv")}
+    assert len(names) == 1000 and "bench_samples.cleared-1.csv" not in names
+    for number in range(2, 11):
+        path = node.state / f"bench_samples.cleared-{number}.csv"
+        os.utime(path, None)
+    send_table(node, table2)
+    refused = node.player.call("clear_samples")
+    assert not refused.success and "remove some by hand" in refused.data["error"]
+    assert node.logged() == len(table2)
+    for path in node.state.glob("bench_samples.cleared-*.csv"):
+        path.unlink()
 
 
 def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
@@ -222,14 +237,14 @@ def test_files_that_are_not_what_was_adopted_are_not_served(
     assert node.player.hold(GOOD).efficiency == pytest.approx(
         good.efficiency(*GOOD), rel=1e-12
     )
-    assert node.comes(lambda: node.value("file") == str(first))
+    assert node.comes(lambda: node.value("file") == "models/0001.yaml")
     assert node.status()["level"] == DiagnosticStatus.WARN
     told = node.value("state folder")
     assert told in node.status()["message"]
     for words in (
         "0003.yaml: not YAML of a parameter file at line 2: 'a' is an alias",
         "0002.yaml: is not what was written: fingerprint",
-        f"{first} serves instead",
+        "models/0001.yaml serves instead",
         "1 damaged lines taken out",
     ):
         assert words in told, told

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 
 import hmcvt_core as hmcvt
 from examples.bench_player import bench_sample_to_message
+from hmcvt_core.interface import Controller, Drive, load_vehicle
 from hmcvt_ros import qos
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.inputs import OperatingPoint
@@ -151,6 +152,30 @@ def test_drive_line_at_a_held_output_speed(tractor):
     assert tractor.player.hold(point)[1] == best.displacement_ratio
     assert tractor.heard[-1] == best.stage
     tractor.set(optimum_hold="engine_speed")
+
+
+def test_the_causal_strategy_answers_with_a_vehicle(start_node):
+    vehicle_file = hmcvt.data_path("params/vehicle.yaml")
+    node = start_node(
+        FILE,
+        engine_file=ENGINE_FILE,
+        vehicle_file=vehicle_file,
+        optimum_hold="output_speed",
+    )
+    stage = node.player.create_publisher(String, "stage", qos.LATCHED)
+    assert node.comes(lambda: stage.get_subscription_count())
+    stage.publish(String(data="HM2"))
+    node.player.spin_for(0.2)
+    point = OperatingPoint(0.3, 190.0, 150.0)
+    controller = Controller(Drive(TRACTOR, ENGINE, load_vehicle(vehicle_file)))
+    command = controller.choose(
+        TRACTOR.stages["HM2"].output_speed(*point),
+        190.0 * 150.0,
+        "HM2",
+        point.engine_speed,
+        point.displacement_ratio,
+    )
+    assert node.player.hold(point)[1] == pytest.approx(command.displacement_ratio)
 
 
 def test_bench_samples_keep_their_stage_through_refit_and_diagnosis(tractor):

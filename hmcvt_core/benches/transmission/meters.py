@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
-from .channels import LOAD_TORQUE
+from .channels import ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED_CHANNEL
 
 RANGE_MARGIN = 1.5
 """Range of a torque meter, in the largest torque of the campaign.
@@ -138,9 +138,10 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     """
     sessions = sessions_of(observed.samples)
     slopes = _slopes_by_load(observed, system)
-    engine, output = _changes_by_zero(observed, slopes)
+    efficiency, speed_ratio = _without_noise(observed, system)
+    engine, output = _changes_by_zero(observed, efficiency, speed_ratio, slopes)
     gain = np.zeros_like(engine)
-    gain[0] = observed.measured[0]
+    gain[0] = efficiency
     columns = []
     number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
@@ -187,33 +188,50 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
     return np.hypot(observed.deviation, _finite(of_channels))
 
 
-def _changes_by_zero(observed: Observations, slopes: Array) -> tuple[Array, Array]:
+def _without_noise(observed: Observations, system: System) -> tuple[Array, Array]:
+    """Return efficiency and output speed / engine speed as the base model predicts them.
+
+    Columns made of readings would hold their noise, and a large zero would then explain noise.
+    Where the model has no answer, the efficiency is that measured and the ratio is 1.
+    """
+    predicted = system.predict(system.base.mean, (), observed.points)
+    names = [channel.name for channel in system.channels]
+    efficiency = predicted[0]
+    speed_ratio = (
+        predicted[names.index(OUTPUT_SPEED_CHANNEL.name)]
+        / observed.points[ENGINE_SPEED.name]
+    )
+    answered = np.isfinite(efficiency)
+    efficiency = np.where(answered, efficiency, observed.measured[0])
+    return efficiency, np.where(answered, np.abs(speed_ratio), 1.0)
+
+
+def _changes_by_zero(
+    observed: Observations, efficiency: Array, speed_ratio: Array, slopes: Array
+) -> tuple[Array, Array]:
     """Return the change of every channel by a zero of the whole range of each torque meter.
 
     Args:
         observed: of bench samples.
+        efficiency: without noise, shape (n,).
+        speed_ratio: output speed / engine speed without noise, shape (n,).
         slopes: derivatives of the channels by the load, shape (channels, n).
 
     Returns:
         For the engine's and for the output's meter, shape (channels, n); zero without an answer.
     """
-    samples = observed.samples
-    ratio = np.ones(len(samples))
-    if samples.output_speed is not None:
-        ratio = np.abs(samples.output_speed / samples.engine_speed)
-    efficiency = samples.efficiency
-    load = samples.load_torque
+    load = observed.points[LOAD_TORQUE.name]
     engine = np.zeros_like(observed.measured)
     with np.errstate(divide="ignore", invalid="ignore"):
         engine_torque = load / efficiency
-        output_torque = load / ratio
+        output_torque = load / speed_ratio
         engine[0] = -efficiency / engine_torque
         # The output meter moves the efficiency and the load at which it is predicted.
         output = -slopes
         output[0] += efficiency / load
     engine_range = RANGE_MARGIN * _largest(engine_torque)
     output_range = RANGE_MARGIN * _largest(output_torque)
-    return _finite(engine_range * engine), _finite(output_range * ratio * output)
+    return _finite(engine_range * engine), _finite(output_range * speed_ratio * output)
 
 
 def _slopes_by_load(observed: Observations, system: System) -> Array:

@@ -25,8 +25,8 @@ from ..baseline import (
     judge_control,
     with_sound_uncertainty,
 )
+from ..transmission.channels import OIL_TEMPERATURE
 from .sound import (
-    OIL_TEMPERATURE,
     ChangedUnit,
     SoundUnit,
     fit_sound_unit,

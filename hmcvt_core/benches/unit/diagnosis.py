@@ -238,7 +238,7 @@ def diagnose_unit(
         system,
         observed,
         None if holdout is None else observe_unit(system, holdout),
-        notes=notes,
+        notes=[*samples.notes, *notes],
         seed=seed,
         progress=progress,
     )

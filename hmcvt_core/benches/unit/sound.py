@@ -52,9 +52,9 @@ from ...physics.effects.wear import (
 )
 from ...physics.remainder import Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT
+from ..transmission.channels import OIL_TEMPERATURE
 from .system import (
     METER_GAIN,
-    OIL_TEMPERATURE,
     PAPER_DISPLACEMENT,
     PRESSURE,
     SPEED,

@@ -155,10 +155,11 @@ class Advice:
 
     def report(self) -> str:
         """Return which test to run next, or why to stop, as text for a person."""
-        return "\n".join(wrapped(line) for line in self.lines())
+        lines = [*self.steps(), self._candidates_line()]
+        return "\n".join(wrapped(line) for line in lines)
 
-    def lines(self) -> list[str]:
-        """Return the lines of `report`, not wrapped."""
+    def steps(self) -> list[str]:
+        """Return notes and what to do next, one sentence an entry without line breaks."""
         lines = [f"note: {note}" for note in self.notes]
         if self.stop:
             lines.append(f"stop: {self.reason}")
@@ -173,13 +174,15 @@ class Advice:
             if self.parted:
                 apart = ": distinguishes {} from {}".format(*self.parted)
             lines.append(f"measure: {self.measure}{apart}")
+        return lines
+
+    def _candidates_line(self) -> str:
         candidates = merge_sets(self.candidates, self.classes)
         in_words = with_probabilities(candidates, "{0} ({1})")
-        lines.append(
+        return (
             f"candidates: {', '.join(in_words)}, no gap or a base model slightly off "
             f"({probability(self.no_gap)})"
         )
-        return lines
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())

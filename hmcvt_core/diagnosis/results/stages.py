@@ -14,8 +14,8 @@ from .sentences import amount
 
 
 def stages_of(samples: Any) -> list[str]:
-    """Return the stages that samples name, in the order of their first sample."""
-    return list(dict.fromkeys(_stage_names(samples)))
+    """Return the stages that samples name, in alphabetical order."""
+    return sorted(set(_stage_names(samples)))
 
 
 def main_stage(samples: Any) -> str | None:

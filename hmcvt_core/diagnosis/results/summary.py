@@ -209,7 +209,8 @@ def regions_of(analysis: Analysis) -> tuple[Region, ...]:
 def _region(analysis: Analysis, box: int) -> Region:
     boxes = analysis.boxes
     observed = analysis.base.observed
-    residuals = analysis.base.whitened[0] * observed.deviation[0]
+    # The regions are those of the machine's gap, so the errors of meters stay in the residuals.
+    residuals = analysis.base.with_shared_errors[0] * observed.deviation[0]
     inside = boxes.members[box]
     limits = {}
     for i, axis in enumerate(observed.steered):

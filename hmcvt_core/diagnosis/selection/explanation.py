@@ -259,9 +259,9 @@ def with_smooth_discrepancy(
             ungrouped if model.group is None else model.group,
         )
         columns, prior_spread, groups = known.with_further(further)
-        extended.append(
-            fitted_model(observed, columns, model.target, prior_spread, groups)
-        )
+        fitted = fitted_model(observed, columns, model.target, prior_spread, groups)
+        no_signs = np.full(len(spread), np.nan)
+        extended.append(replace(fitted, signs=np.append(model.signs, no_signs)))
     # What the prior of the sizes changes, it changes here too.
     of_sizes = explanation.log_evidence - explanation.model.log_evidence
     log_evidence = extended[0].log_evidence + of_sizes

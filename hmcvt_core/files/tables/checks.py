@@ -5,12 +5,14 @@ A value in the wrong unit is off by a known factor. Where two routes lead to one
 ratio shows it; elsewhere only sizes that no tractor transmission has are refused.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...transmission.ranges import Array
 from .proposal import Column
+from .shafts import plausible_exchange
 
 _SUSPECTS = (
     (9.5493, "r/min and rad/s"),
@@ -41,6 +43,17 @@ _LEAST_EFFICIENCY = 0.3
 _LEAST_ENGINE_SPEED = 60.0
 """Engine speed in rad/s that some test exceeds: 573 r/min, below the idle of a tractor's engine;
 turns per second stay below it."""
+_WIDEST_STEP = 3.0
+"""Factor between neighbouring engine speeds of a bench; between r/min and rad/s it is larger."""
+_EVEN = 1.01
+"""Part of the usual step that a step of a grid has at most."""
+_FRACTION = 0.0105
+"""Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
+_NEUTRAL = 0.003
+"""Stroke within which a pump that is held in neutral stays."""
+_FEWEST_IN_BLOCK = 3
+_HOTTEST_OIL = 130.0
+"""Oil temperature in deg C that some test of a bench stays below; 54 deg C are 130 deg F."""
 _LEAST_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
@@ -76,18 +89,47 @@ def contradictions(
             ratio = _median_ratio(ways[other], ways[names[0]])
             if ratio is not None and abs(np.log(ratio)) > _AGREEMENT:
                 problems.append(_disagreement(quantity, other, names[0], ratio))
-    loads = routes["load_torque"]
-    powers = routes["engine_power"]
-    if "efficiency" in both and loads and powers and not problems:
-        (load_name, load), *_ = loads.items()
-        (power_name, power), *_ = powers.items()
-        shafts = load * both["engine_speed"] / power
-        ratio = _median_ratio(shafts, both["efficiency"])
-        scattered = _share_apart(shafts, both["efficiency"]) > _MOST_APART
+    shafts = _by_shafts(both)
+    if shafts is not None and not problems:
+        way, efficiency = shafts
+        ratio = _median_ratio(efficiency, both["efficiency"])
+        scattered = np.mean(_far_apart(efficiency, both["efficiency"])) > _MOST_APART
         if ratio is not None and (abs(np.log(ratio)) > _AGREEMENT or scattered):
-            way = f"{load_name} / {power_name}"
             problems.append(_disagreement("efficiency", way, "its column", ratio))
     return problems
+
+
+def contradicting_tests(values: Mapping[str, Array]) -> dict[int, str]:
+    """Return the few tests whose efficiency and shafts differ, by position.
+
+    Args:
+        values: SI values by quantity, shape (n,) each.
+    """
+    shafts = _by_shafts(values)
+    if shafts is None:
+        return {}
+    way, efficiency = shafts
+    apart = _far_apart(efficiency, values["efficiency"])
+    if np.mean(apart) > _MOST_APART:
+        return {}  # the whole column is of another quantity
+    reasons = {}
+    for index in np.flatnonzero(apart).tolist():
+        reasons[index] = (
+            f"efficiency = {values['efficiency'][index]:.4g}, but {way} gives "
+            f"{efficiency[index]:.4g}"
+        )
+    return reasons
+
+
+def _by_shafts(values: Mapping[str, Array]) -> tuple[str, Array] | None:
+    """Return how the shafts give the efficiency, and its values; None without a second route."""
+    loads = _load_torques(values)
+    powers = _engine_powers(values)
+    if "efficiency" not in values or not loads or not powers:
+        return None
+    (load_name, load), *_ = loads.items()
+    (power_name, power), *_ = powers.items()
+    return f"{load_name} / {power_name}", load * values["engine_speed"] / power
 
 
 def _load_torques(values: Mapping[str, Array]) -> dict[str, Array]:
@@ -95,6 +137,9 @@ def _load_torques(values: Mapping[str, Array]) -> dict[str, Array]:
     ways = {}
     if "load_torque" in values:
         ways["load_torque"] = values["load_torque"]
+    if "engine_torque" in values and "torque_loss" in values:
+        remaining = values["engine_torque"] - values["torque_loss"]
+        ways["engine_torque - torque_loss"] = remaining
     if "output_torque" in values and "output_speed" in values:
         power = values["output_torque"] * values["output_speed"]
         ways["output_torque x output_speed"] = power / speed
@@ -122,13 +167,11 @@ def _median_ratio(one: Array, other: Array) -> float | None:
     return float(np.median(usable))
 
 
-def _share_apart(one: Array, other: Array) -> float:
-    """Return the share of tests in which two routes differ by more than `_FAR_APART`."""
+def _far_apart(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Return in which tests two routes differ by more than `_FAR_APART`; in none that lack one."""
     ratio = one / other
-    usable = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    if not len(usable):
-        return 0.0
-    return float(np.mean(np.abs(np.log(usable)) > _FAR_APART))
+    usable = np.isfinite(ratio) & (ratio > 0.0)
+    return usable & (np.abs(np.log(np.where(usable, ratio, 1.0))) > _FAR_APART)
 
 
 def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:
@@ -138,13 +181,16 @@ def _disagreement(quantity: str, way: str, other: str, ratio: float) -> str:
 
 
 def implausible(
-    values: Mapping[str, Array], columns: Mapping[str, Column]
+    values: Mapping[str, Array],
+    columns: Mapping[str, Column],
+    confirmed: Collection[str] = (),
 ) -> list[str]:
     """Return which columns hold values so small that their unit must be another.
 
     Args:
         values: SI values by quantity, shape (n,) each.
         columns: where they stand.
+        confirmed: quantities whose size another column confirms.
     """
     limits = (
         ("displacement_ratio", _LEAST_STROKE, "is it a fraction, not percent?"),
@@ -156,13 +202,15 @@ def implausible(
     if "efficiency" in values and "efficiency" not in columns:
         middle = float(np.nanmedian(values["efficiency"]))
         if middle < _LEAST_EFFICIENCY:
-            suspect = suspect_efficiency(values["efficiency"]) or "units of two columns"
+            causes = causes_of_efficiency(values) or "units of two columns mixed up"
             problems.append(
-                f"efficiency by the shafts is {middle:.3g} in the middle: are {suspect} "
-                "mixed up?"
+                f"efficiency by the shafts is {middle:.3g} in the middle: are {causes}?"
             )
+    problems += _mixed_units(values, columns)
     for quantity, least, hint in limits:
         if quantity not in values or len(values[quantity]) < 3:
+            continue
+        if quantity in confirmed:
             continue
         largest = float(np.nanmax(np.abs(values[quantity]), initial=0.0))
         if 0.0 < largest < least:
@@ -175,12 +223,91 @@ def implausible(
     return problems
 
 
-def suspect_efficiency(efficiency: Array) -> str:
-    """Return which mixed-up units would explain efficiencies outside 0 to 1, or `""`.
+def _mixed_units(
+    values: Mapping[str, Array], columns: Mapping[str, Column]
+) -> list[str]:
+    """Return which columns seem to be of two units, or of another one than was taken."""
+    problems = []
+    small = _small_block(values["displacement_ratio"])
+    if small:
+        problems.append(
+            f"displacement_ratio is at most {_FRACTION} in {small} tests in a row and large in "
+            "the others: does its unit change within the table?"
+        )
+    speeds = np.sort(values["engine_speed"][values["engine_speed"] > 0.0])
+    if len(speeds) > 1:
+        steps = speeds[1:] / speeds[:-1]
+        widest = int(np.argmax(steps))
+        if steps[widest] > _WIDEST_STEP and not _even_step(speeds, widest):
+            problems.append(
+                f"engine_speed is up to {speeds[widest]:.4g} rad/s in some tests and from "
+                f"{speeds[widest + 1]:.4g} rad/s in the others: does its unit change within "
+                "the table?"
+            )
+    oil = values.get("oil_temperature")
+    if oil is not None and np.nanmin(oil, initial=np.inf) > _HOTTEST_OIL:
+        problems.append(
+            f"oil_temperature is at least {np.nanmin(oil):.4g} deg C: is it in deg F?"
+        )
+    column = columns.get("efficiency")
+    if column is not None and column.why.endswith("range"):
+        middle = float(np.nanmedian(values["efficiency"]))
+        if middle < _LEAST_EFFICIENCY:
+            problems.append(
+                f"efficiency is {middle:.3g} in the middle, with {column.unit} taken for the "
+                f"unit of column {column.name!r}, which names none"
+            )
+    return problems
+
+
+def _even_step(speeds: Array, position: int) -> bool:
+    """Return whether the step above a speed is one of a grid, as from 100 to 300 r/min.
 
     Args:
-        efficiency: computed from the shafts, shape (n,).
+        speeds: rising [rad/s], shape (n,).
+        position: of the speed.
     """
+    settings = np.unique(speeds.round(9))
+    steps = np.diff(settings)
+    step = speeds[position + 1] - speeds[position]
+    return bool(step <= _EVEN * np.median(steps))
+
+
+def _small_block(stroke: Array) -> int:
+    """Return how many tests at an end of a table have strokes in percent that are fractions.
+
+    A sensor reads near zero in neutral, but not all values up to 1 %.
+    """
+    size = np.abs(stroke)
+    if len(size) < 2 * _FEWEST_IN_BLOCK or size.max() < 0.5:
+        return 0
+    for ordered in (size, size[::-1]):
+        large = np.flatnonzero(ordered > _FRACTION)
+        count = int(large[0])
+        block = ordered[:count]
+        if count >= _FEWEST_IN_BLOCK and block.max() > _NEUTRAL:
+            return count
+    return 0
+
+
+def causes_of_efficiency(values: Mapping[str, Array]) -> str:
+    """Return what would explain efficiencies outside 0 to 1, or `""`.
+
+    Args:
+        values: SI values by quantity, the efficiency computed from the shafts; shape (n,) each.
+    """
+    causes = []
+    exchange = plausible_exchange(values)
+    if exchange:
+        causes.append(f"the {exchange} of the two shafts exchanged")
+    units = _suspect_units(values["efficiency"])
+    if units:
+        causes.append(f"{units} mixed up")
+    return ", or ".join(causes)
+
+
+def _suspect_units(efficiency: Array) -> str:
+    """Return which mixed-up units would explain efficiencies, shape (n,), or `""`."""
     usable = efficiency[np.isfinite(efficiency) & (efficiency > 0.0)]
     if not len(usable):
         return ""
@@ -190,4 +317,4 @@ def suspect_efficiency(efficiency: Array) -> str:
         for ratio in (factor, 1.0 / factor):
             if 0.5 < middle / ratio < 0.95:
                 named.append(name)
-    return named[0] if len(named) >= 1 else ""
+    return named[0] if named else ""

@@ -18,7 +18,11 @@ from typing import Any
 from ...errors import InputError
 
 _KIND = "hmcvt table mapping"
-_SETTINGS = ("header_row", "sheet", "decimal")
+_SETTINGS = (
+    *("header_row", "sheet", "decimal", "names", "matrix"),
+    *("dbc", "reference_torque", "friction_torque", "stage_names"),
+)
+"""Settings of tables, and of logs."""
 
 
 def mapping_text(
@@ -28,7 +32,7 @@ def mapping_text(
 
     Args:
         columns: `COLUMN:UNIT` by quantity.
-        settings: `header_row`, `sheet` and `decimal`; None is left out.
+        settings: of a table or of a log; None is left out.
     """
     import yaml
 

@@ -21,10 +21,11 @@ from .units import unit_of
 SENTINELS: tuple[float, ...] = (
     *(-999.0, -999.25, -9999.0, -99999.0, 9999.0, 99999.0),
     *(65535.0, 65534.0, 32767.0, -32768.0, 8191.875, 1e30, -1e30),
+    *(6553.5, 655.35, 3276.7, -3276.8, 327.67, -327.68, -9999.99, 9.9e37, 9.91e37),
 )
 """Numbers that loggers write for "no value"."""
 _NOT_AVAILABLE = re.compile(
-    r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*|-+|\.+|\?+|",
+    r"n/?\.?a\.?|nan|null|none|inv(alid)?|err(or)?|#\w*[!/?]?\w*!?|-+|\.+|\?+|",
     re.IGNORECASE,
 )
 _NUMBER = re.compile(
@@ -85,8 +86,8 @@ def decimal_styles(
     if decimal is not None:
         return dict.fromkeys(columns, Style(decimal == "comma"))
     joined = {name: _without_blanks("\n".join(c)) for name, c in columns.items()}
-    commas = _matching(_COMMA, joined)
-    points = _matching(_POINT, joined)
+    commas = _matching(_COMMA, ",", r"\d\.\d{3}\.", joined)
+    points = _matching(_POINT, ".", r"\d,\d{3},", joined)
     has_comma = any("," in text for text in joined.values())
     plain = comma_separated and not has_comma
     table_decides = plain or bool(commas) != bool(points)
@@ -105,9 +106,23 @@ def decimal_styles(
     return styles
 
 
-def _matching(pattern: re.Pattern[str], joined: Mapping[str, str]) -> set[str]:
-    """Return the names of the columns with a cell of a pattern."""
-    return {name for name, text in joined.items() if pattern.search(text)}
+def _matching(
+    pattern: re.Pattern[str], sign: str, grouped: str, joined: Mapping[str, str]
+) -> set[str]:
+    """Return the names of the columns with a cell of a pattern.
+
+    Args:
+        pattern: of cells.
+        sign: decimal one of the pattern.
+        grouped: pattern without which no cell without that sign fits.
+        joined: cells of each column.
+    """
+    names = set()
+    for name, text in joined.items():
+        possible = sign in text or re.search(grouped, text)
+        if possible and pattern.search(text):
+            names.add(name)
+    return names
 
 
 def _doubtful_style(cell: re.Match[str] | None) -> Style:
@@ -147,6 +162,10 @@ def _plain_numbers(cells: Sequence[str], comma: bool) -> Array | None:
     joined = "\n".join(cells)
     if "," in joined or "_" in joined or (comma and "." in joined):
         return None
+    try:
+        return np.fromiter(map(float, cells), float, len(cells))
+    except ValueError:
+        pass  # cells may be empty
     try:
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:
@@ -214,7 +233,7 @@ def not_available(cell: str) -> bool:
     if _NOT_AVAILABLE.fullmatch(cell.strip()):
         return True
     try:
-        return float(cell) in SENTINELS
+        return float(cell.replace(",", ".")) in SENTINELS
     except ValueError:
         return False
 
@@ -223,6 +242,13 @@ def no_number(name: str, cell: str) -> str:
     """Say what is wrong with a cell of a column that holds no number."""
     if not cell:
         return f"{name} is empty"
+    if cell.startswith("="):
+        return (
+            f"{name} {cell!r} is a formula without a stored value: open the file in a "
+            "spreadsheet program and save it"
+        )
+    if cell.startswith("#"):
+        return f"{name} {cell!r} is an error or a gap of the spreadsheet"
     if parsed(cell, False)[0] in SENTINELS:
         return f"{name} {cell!r} is a code for no value"
     cure = ""
@@ -234,3 +260,15 @@ def no_number(name: str, cell: str) -> str:
 def finite_share(values: NDArray[np.float64]) -> float:
     """Return the share of finite values; 0 for no values."""
     return float(np.isfinite(values).mean()) if len(values) else 0.0
+
+
+def last_digit(cell: str, comma: bool) -> float:
+    """Return the size of the last digit of a number, as 0.01 of `3.25`; 0 for no number."""
+    if not is_number(cell):
+        return 0.0
+    sign = "," if comma else "."
+    _, _, decimals = cell.partition(sign)
+    digits = re.match(r"\d*", decimals)
+    if digits is None:
+        return 1.0
+    return float(10.0 ** -len(digits[0]))

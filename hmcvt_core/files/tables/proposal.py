@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,14 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import BENCH_COLUMNS, Array, Range
 from .header import RawTable
-from .numbers import Numbers, Style, finite_share, read_numbers
-from .rules import SHAFT_KINDS, Meaning, meaning_of
+from .numbers import (
+    Numbers,
+    Style,
+    finite_share,
+    no_number,
+    not_available,
+)
+from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
 
@@ -32,12 +39,15 @@ RANGES: Mapping[str, Range] = {
         name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
         for name in ("engine_power", "output_power")
     },
+    "torque_loss": Range("torque_loss", 0.0, 20_000.0, "N m", "not negative"),
 }
 """Plausible range of every quantity, in SI units."""
 INPUTS = ("engine_torque", "engine_power")
-OUTPUTS = ("load_torque", "output_torque", "output_power")
+OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")
+_OF_OUTPUT = ("load_torque", "output_torque", "output_power")
 # A quantity that the others already give is compared with them instead, the first one first.
 _SPARE = (
+    "torque_loss",
     "engine_power",
     "engine_torque",
     "output_power",
@@ -46,6 +56,7 @@ _SPARE = (
 )
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
+_NEUTRAL_OPEN = "is the pump in neutral at 0 or in the middle of the range"
 _ANGLE = re.compile(
     r"alpha|angle|angul|swash|swivel|schwenk|winkel|plateau|\u659c\u76d8|\u89d2"
 )
@@ -60,15 +71,19 @@ class _Likely(NamedTuple):
     up_to: float
 
 
+_LARGEST_FRACTION = 1.5
+"""Number up to which a part is a fraction; above it is in percent."""
 _LIKELY_UNITS = (
-    _Likely("part", "-", -1.0, 1.5),
-    _Likely("part", "%", 1.5, np.inf),
+    _Likely("part", "-", -1.0, _LARGEST_FRACTION),
+    _Likely("part", "%", _LARGEST_FRACTION, np.inf),
     _Likely("speed", "rad/s", -1.0, 320.0),
     _Likely("speed", "rpm", 320.0, np.inf),
     _Likely("torque", "N m", 60.0, np.inf),
 )
 """Smaller torques are asked, and powers, since PS and hp are near kW. A tractor's engine turns at
 most at 320 rad/s, and slower than that in r/min only at idle."""
+_NAMES_OF_STAGE = ("gear", "range", "gear range", "speed range")
+"""Names of the column of stages; within a longer name these words mean something else."""
 _OPTIONAL = ("oil_temperature", "pressure", "efficiency_std", "stage")
 """Quantities that samples do without, so that a doubt about them is a note."""
 _DECIMALS = ("--decimal point", "--decimal comma")
@@ -124,6 +139,15 @@ class Proposal:
     notes: tuple[str, ...]
     assumed: tuple[str, ...] = ()
 
+    def missing_anyway(self) -> list[str]:
+        """Return what bench samples still need when all questions are answered."""
+        answered = set(self.columns)
+        for question in self.questions:
+            for answer in question.options:
+                words = answer.removeprefix("--").split()
+                answered.add(words[0].replace("-", "_"))
+        return missing_quantities(answered)
+
 
 class _Candidate(NamedTuple):
     """A column that may hold a quantity; `rank` sorts candidates, the best highest."""
@@ -147,6 +171,8 @@ def missing_quantities(columns: Set[str]) -> list[str]:
     """Return what bench samples still need in addition to these quantities."""
     into = columns & set(INPUTS)
     out = columns & set(OUTPUTS)
+    if "engine_torque" not in columns:
+        out = out - {"torque_loss"}
     missing = [
         name for name in ("displacement_ratio", "engine_speed") if name not in columns
     ]
@@ -250,12 +276,16 @@ def propose(
         if question is not None:
             questions[quantity] = question
     _same_speed_units(proposed, given, questions)
-    _assign_sides(candidates, proposed, given, questions, notes)
+    of_map = bool(table.matrix)  # its axis is a quantity, whatever else is in its cells
+    _assign_sides(candidates, proposed, given, questions, notes, of_map)
     _ask_torque_of_load(proposed, given, questions)
     spares = _take_spares(proposed, given)
+    if not {*proposed, *given, *spares}.isdisjoint(_OF_OUTPUT):
+        spares.pop("torque_loss", None)  # it may be one of the output shaft
     doubtful = {name for name in spares if name in questions}
     for name in doubtful:
         del spares[name]
+    notes += _excluded(table, {*given, *proposed})
     notes += _without_optional(_OPTIONAL, proposed, questions)
     if averaged:
         notes += _without_optional(["stamp"], proposed, questions)
@@ -278,11 +308,39 @@ def _all_candidates(
         if name in named:
             continue
         candidate, note = _candidate(name, table)
+        if name in table.hidden:
+            if candidate is not None:
+                notes.append(f"column {name!r} is not used: the sheet hides it")
+            continue
         if candidate is not None and candidate.quantity not in given:
             candidates.setdefault(candidate.quantity, []).append(candidate)
         if note:
             notes.append(note)
     return candidates, notes
+
+
+def _excluded(table: RawTable, known: Set[str]) -> list[str]:
+    """Return why columns of the kinds that are missing are not used.
+
+    Args:
+        table: as text.
+        known: quantities that have a column.
+    """
+    missing = " ".join(missing_quantities(known)).replace("displacement", "stroke")
+    notes = []
+    for name in table.columns:
+        meaning = meaning_of(name, table.units.get(name, ""))
+        if not meaning.excluded or not meaning.kind or meaning.kind not in missing:
+            continue
+        answer = ""
+        quantity = {"stroke": "displacement_ratio"}.get(meaning.kind, meaning.kind)
+        if quantity in UNITS:
+            unit = meaning.unit.name if meaning.unit is not None else ""
+            answer = f" ({option(quantity, name, unit)} uses it)"
+        notes.append(
+            f"column {name!r} is not used: its name says {meaning.excluded!r}{answer}"
+        )
+    return notes
 
 
 def _without_optional(
@@ -299,11 +357,21 @@ def _without_optional(
     return notes
 
 
+def _quantity(name: str, meaning: Meaning) -> str:
+    """Return the quantity that a name means; `""` for none."""
+    if name.strip().lower() in _NAMES_OF_STAGE:
+        return "stage"
+    return meaning.quantity
+
+
 def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
     """Return what a column may hold, and a note where it was refused."""
     below = table.units.get(name, "")
     meaning = meaning_of(name, below)
-    quantity = meaning.quantity
+    of_file = _is_value_of_map(name, table)
+    if of_file:
+        meaning = meaning_of("efficiency", below)
+    quantity = _quantity(name, meaning)
     if not quantity:
         if meaning.problem and meaning.kind:
             return None, f"column {name!r} is not used: {meaning.problem}"
@@ -312,29 +380,74 @@ def _candidate(name: str, table: RawTable) -> tuple[_Candidate | None, str]:
         return _Candidate(name, quantity, "", "name", _rank(True, meaning, True)), ""
     if quantity == "stamp":
         return _time_candidate(name, meaning, table)
-    style = table.styles[name]
-    numbers = read_numbers(table.columns[name], style.comma)
-    if finite_share(numbers.values) == 0.0:
+    if finite_share(table.numbers(name).values) == 0.0:
         return None, _no_numbers(name, quantity, table)
-    choice = _unit(quantity, meaning, below, numbers)
-    doubt = _doubt(name, meaning, style, choice)
-    if quantity == "displacement_ratio" and choice.why == "range" and not doubt:
-        doubt = _stroke_doubt(name, numbers.values)
+    candidate = _candidate_of_numbers(name, meaning, table)
+    if of_file:
+        candidate = candidate._replace(why=f"name of the file, {candidate.why}")
+    return candidate, ""
+
+
+def _candidate_of_numbers(name: str, meaning: Meaning, table: RawTable) -> _Candidate:
+    """Return what a column of numbers may hold, with its unit and the doubt about it."""
+    quantity = meaning.quantity
+    numbers = table.numbers(name)
+    choice = _unit(quantity, meaning, table.units.get(name, ""), numbers)
+    if choice == _UnitChoice("%", "cells") and _percent_by_sign(name, table):
+        choice = _UnitChoice("-", "cells, those with % in percent")
+    doubt = _doubt(name, meaning, table.styles[name], choice)
+    if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
+        doubt = _unusual_unit_doubt(name, table)
+    if quantity == "displacement_ratio" and not doubt:
+        if choice.why == "range":
+            doubt = _stroke_doubt(name, numbers.values)
+        doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
     rank = _rank(fits, meaning, choice.why != "range")
-    candidate = _Candidate(
+    return _Candidate(
         name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
     )
-    return candidate, ""
+
+
+def _percent_by_sign(name: str, table: RawTable) -> bool:
+    """Return whether only the cells with a sign are in percent, and the others are fractions."""
+    cells = table.columns[name]
+    plain = [index for index, cell in enumerate(cells) if not cell.endswith("%")]
+    values = table.numbers(name).values[plain]
+    known = values[np.isfinite(values)]
+    return bool(len(known) and np.max(np.abs(known)) <= _LARGEST_FRACTION)
+
+
+def _is_value_of_map(name: str, table: RawTable) -> bool:
+    """Return whether a column without a name holds the efficiency that the file is named for.
+
+    That is so in a map of one quantity over two axes: the other two columns name a speed and a
+    torque, and the last one has no name.
+    """
+    if name not in table.without_name:
+        return False
+    measured = []
+    for other, cells in table.columns.items():
+        if set(cells) != {other}:  # a number for all rows is no column of the file
+            measured.append(other)
+    if len(measured) != 3 or measured[-1] != name:
+        return False
+    kinds = {meaning_of(other, table.units.get(other, "")).kind for other in measured}
+    of_axes = {"speed", "torque"} <= kinds
+    return of_axes and file_says_efficiency(Path(table.source).stem)
 
 
 def _no_numbers(name: str, quantity: str, table: RawTable) -> str:
     """Say why a column without any number is refused."""
+    filled = [cell for cell in table.columns[name] if cell]
+    texts = [cell for cell in filled if not not_available(cell)]
     reason = "it is empty"
-    for cell in table.columns[name]:
-        if cell:
-            reason = f"cell {cell!r} is no number"
-            break
+    if texts:
+        reason = f"cell {texts[0]!r} is no number"
+        if texts[0].startswith("="):
+            reason = no_number("its cell", texts[0])
+    elif filled:
+        reason = f"all its cells are codes for no value, such as {filled[0]!r}"
     return f"column {name!r} would be {_words(quantity)}, but {reason}"
 
 
@@ -345,7 +458,7 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     brackets = _brackets(meaning)
     if brackets:
         return f"{brackets[0]} in column {name!r} is not known"
-    if meaning.unknown and choice.why in ("cells", "range", ""):
+    if meaning.unknown:
         words = ", ".join(map(repr, meaning.unknown))
         return f"{words} in column {name!r} is not known"
     if meaning.weak:
@@ -357,6 +470,14 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     if not choice.unit:
         return f"column {name!r} names no unit"
     return ""
+
+
+def unit_is_stated(name: str, table: RawTable) -> bool:
+    """Return whether the name of a column, the row of units or its cells state its unit."""
+    unit = meaning_of(name, table.units.get(name, "")).unit
+    if unit is not None and unit.name != "-":
+        return True
+    return bool(table.numbers(name).units)
 
 
 def _brackets(meaning: Meaning) -> list[str]:
@@ -386,6 +507,47 @@ def _stroke_doubt(name: str, values: Array) -> str:
     if largest < _PERCENT_FROM or _ANGLE.search(plain_text(name).lower()):
         return f"column {name!r} names no unit and may hold an angle or a length"
     return ""
+
+
+_UNUSUAL = frozenset(
+    {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
+)
+"""Units of other columns beside which a torque without a unit may well not be in N m."""
+_UNUSUAL_WORDS = re.compile(
+    r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
+    re.IGNORECASE,
+)
+
+
+def _unusual_unit_doubt(name: str, table: RawTable) -> str:
+    """Return why a torque without a unit may be in another one than N m."""
+    said = _UNUSUAL_WORDS.search(table.above)
+    if said is not None:
+        return f"column {name!r} names no unit, and a line above says {said[0]!r}"
+    for other in table.columns:
+        meaning = meaning_of(other, table.units.get(other, ""))
+        unit = meaning.unit
+        if unit is None or meaning.weak or unit.name == "-":
+            continue
+        of_shaft = unit.kind in SHAFT_KINDS and not meaning.quantity.startswith("any_")
+        if of_shaft or unit.name in _UNUSUAL:
+            return f"column {name!r} names no unit, and {other!r} is in {unit.name}"
+    return ""
+
+
+def _neutral_doubt(name: str, unit: str, values: Array, table: RawTable) -> str:
+    """Return why the neutral of a stroke may be in the middle of its range."""
+    if name == "displacement_ratio" or not unit:
+        return ""
+    cells = table.columns[name]
+    for index in np.flatnonzero(np.isnan(values)).tolist():
+        if not not_available(cells[index]):
+            return ""  # the sign of a cell that cannot be read is not known
+    stroke = _in_si("displacement_ratio", unit, values)
+    known = stroke[np.isfinite(stroke)]
+    if known.min() < 0.0 or known.min() >= 0.5 or known.max() <= 0.5:
+        return ""
+    return f"column {name!r} is never negative: {_NEUTRAL_OPEN}"
 
 
 def _merge_decimals(questions: dict[str, Question]) -> None:
@@ -436,7 +598,7 @@ def _unit(quantity: str, meaning: Meaning, below: str, numbers: Numbers) -> _Uni
         if unit_of(below) == meaning.unit:
             why = "row of units"
         return _checked_unit(kind, meaning.unit.name, why)
-    if below and unit_of(below) is None and kind != "part":
+    if below and unit_of(below) is None:
         return _UnitChoice(doubt=f"the unit {below!r} in the row of units is not known")
     if numbers.units:
         return _checked_unit(kind, numbers.units[0], "cells")
@@ -512,7 +674,10 @@ def _question(quantity: str, rivals: list[_Candidate]) -> Question | None:
     equals = []
     for rival in others:
         # A unit that is not known hides whether the column is in range.
-        unit_unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        unknown = rival.rank[1] and rival.doubt.endswith("is not known")
+        is_word = rival.doubt.startswith(("'", '"'))
+        states_unit = rival.rank[3]
+        unit_unknown = unknown and not (is_word and states_unit)
         if rival.rank == best.rank or unit_unknown:
             equals.append(rival)
     if not equals:
@@ -530,7 +695,10 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     """Return the question about the best candidate, with the options that answer it."""
     if "two ways" in best.doubt:
         return Question(best.doubt, _DECIMALS)
-    choices = tuple(UNITS.get(quantity, ()))[:2]
+    choices = _two_units(quantity)
+    unit_stated = best.rank[3]
+    if unit_stated and best.unit:
+        choices = (best.unit,)
     if quantity == "stamp":
         if "cannot be read" in best.doubt:
             return Question(f"{best.doubt} (--averaged takes each row as a test)")
@@ -539,8 +707,22 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
             choices = ("dmy", "mdy")
     elif "radians or turns" in best.doubt:
         choices = ("rad/s", "turn/s")
+    elif _NEUTRAL_OPEN in best.doubt:
+        middle = {"%": "%@50", "-": "-@0.5"}
+        choices = (best.unit, middle[best.unit])
     answers = tuple(option(quantity, best.name, unit) for unit in choices)
     return Question(best.doubt, answers)
+
+
+def _two_units(quantity: str) -> tuple[str, ...]:
+    """Return the first two units of a quantity that differ in size."""
+    if kind_of(quantity) == "torque":
+        return ("N m", "lb ft")
+    units = UNITS.get(quantity, {})
+    first_of_size: dict[float, str] = {}
+    for unit, size in units.items():
+        first_of_size.setdefault(size, unit)
+    return tuple(first_of_size.values())[:2]
 
 
 def _equal(one: _Candidate, other: _Candidate) -> bool:
@@ -594,12 +776,14 @@ def _ask_torque_of_load(
 ) -> None:
     """Ask whether the torque of the load is that at the output shaft.
 
-    A bench says "load torque" of its load machine; bench samples refer it to the engine. Only
-    an efficiency together with an input decides, which the checks look at.
+    A bench says "load torque" of its load machine; bench samples refer it to the engine. An
+    efficiency together with an input decides, which the checks look at; where the output shaft
+    has a torque of its name, that one is taken and the other is compared with it.
     """
     column = proposed.get("load_torque")
     known = {*proposed, *given}
     decided = "efficiency" in known and bool(known & set(INPUTS))
+    decided = decided or "output_torque" in known
     if column is None or "output_speed" not in known or decided:
         return
     if column.name == "load_torque" or "load_torque" in questions:
@@ -621,6 +805,7 @@ def _assign_sides(
     given: Mapping[str, Column],
     questions: dict[str, Question],
     notes: list[str],
+    needed: bool,
 ) -> None:
     """Give columns that name no side a quantity where only one is possible, else ask.
 
@@ -641,7 +826,7 @@ def _assign_sides(
         known = {*proposed, *given}
         if not strong:
             continue
-        if not kind_needed(kind, set(missing_quantities(known))):
+        if not (needed or kind_needed(kind, set(missing_quantities(known)))):
             for rival in strong:
                 notes.append(f"column {rival.name!r} names no side and is not used")
         elif _only_of_its_kind(kind, strong, known):

@@ -13,9 +13,10 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...errors import InputError
+from .workbook import Sheet, is_text_number, number_text, read_workbook
 
 SPREADSHEETS = {
     ".xlsx": "openpyxl",
@@ -58,13 +59,6 @@ _BINARY = (
 _SPREADSHEET_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 
 
-class Sheet(NamedTuple):
-    """Rows of cells without blanks around them; `name` is that of a sheet, `""` for text."""
-
-    name: str
-    rows: list[list[str]]
-
-
 def read_bytes(path: Path) -> tuple[bytes, str]:
     """Return the content of a file and its SHA-256.
 
@@ -105,8 +99,8 @@ def read_text(path: str | os.PathLike[str], utf_16: bool = False) -> tuple[str, 
     raw, sha256 = read_bytes(Path(path))
     refuse_binary(Path(path), raw)
     text = _decoded(raw, path, utf_16)
-    if "\n" not in text:
-        text = text.replace("\r", "\n")  # line ends of old programs
+    # A lone carriage return ends a line too: of old programs, and of spreadsheets on a Mac.
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     return text, sha256
 
 
@@ -144,11 +138,18 @@ def split_rows(text: str, separator: str, source: str) -> list[list[str]]:
     """
     if not separator:
         return [re.split(r"\s+", line.strip()) for line in text.splitlines()]
+    has_dashes = any(dash in text for dash in _DASHES)
     reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     try:
-        return [[_plain_minus(cell.strip()) for cell in row] for row in reader]
+        rows = [list(map(str.strip, row)) for row in reader]
     except csv.Error as error:
         raise InputError(f"{source}: not CSV: {error}") from None
+    if has_dashes:
+        rows = [list(map(_plain_minus, row)) for row in rows]
+    return rows
+
+
+_DASHES = ("\u2212", "\u2013")
 
 
 def _plain_minus(cell: str) -> str:
@@ -173,33 +174,23 @@ def read_spreadsheet(path: Path, sheet: str | None) -> tuple[list[Sheet], str]:
     """
     raw, sha256 = read_bytes(path)
     refuse_binary(path, raw)
-    frames = _frames(path, raw)
-    if sheet is not None:
-        if sheet not in frames:
-            raise InputError(
-                f"{path}: sheet {sheet!r} is missing; there is {', '.join(frames)}"
-            )
-        frames = {sheet: frames[sheet]}
-    sheets = []
-    for name, frame in frames.items():
-        rows = [
-            [_cell_text(cell) for cell in row] for row in frame.itertuples(index=False)
-        ]
-        sheets.append(Sheet(str(name), rows))
-    return sheets, sha256
-
-
-def _frames(path: Path, raw: bytes) -> dict[str, Any]:
     if not raw.startswith(_SPREADSHEET_BYTES):
         raise InputError(f"{path}: no Excel file, or damaged: it is no spreadsheet")
-    import pandas
+    sheets = _sheets(path, raw)
+    if sheet is None:
+        return sheets, sha256
+    chosen = [candidate for candidate in sheets if candidate.name == sheet]
+    if not chosen:
+        names = ", ".join(candidate.name for candidate in sheets)
+        raise InputError(f"{path}: sheet {sheet!r} is missing; there is {names}")
+    return chosen, sha256
 
+
+def _sheets(path: Path, raw: bytes) -> list[Sheet]:
     try:
-        return dict(
-            pandas.read_excel(
-                io.BytesIO(raw), sheet_name=None, header=None, dtype=object
-            )
-        )
+        if SPREADSHEETS[path.suffix.lower()] == "openpyxl":
+            return read_workbook(raw)
+        return _read_by_pandas(raw)
     except ImportError:
         package = SPREADSHEETS[path.suffix.lower()]
         raise InputError(
@@ -210,11 +201,31 @@ def _frames(path: Path, raw: bytes) -> dict[str, Any]:
         raise InputError(f"{path}: no Excel file, or damaged: {error}") from None
 
 
+def _read_by_pandas(raw: bytes) -> list[Sheet]:
+    """Return the sheets of an old Excel or an OpenDocument file."""
+    import pandas
+
+    frames = pandas.read_excel(
+        io.BytesIO(raw), sheet_name=None, header=None, dtype=object
+    )
+    sheets = []
+    for name, frame in frames.items():
+        rows = []
+        texts = set()
+        for number, cells in enumerate(frame.itertuples(index=False), 1):
+            rows.append([_cell_text(cell) for cell in cells])
+            for column, cell in enumerate(cells):
+                if is_text_number(cell):
+                    texts.add((number, column))
+        sheets.append(Sheet(str(name), rows, text_numbers=frozenset(texts)))
+    return sheets
+
+
 def _cell_text(cell: Any) -> str:
     if cell is None or cell != cell:  # NaN and NaT differ from themselves
         return ""
-    if isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15:
-        return str(int(cell))
+    if isinstance(cell, float):
+        return number_text(cell)
     return str(cell).strip()
 
 

@@ -47,16 +47,16 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
         "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
         "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
-        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit "
+        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit spd vel "
         "\u8f6c\u901f \u89d2\u901f\u5ea6",
         "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
         "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
-        "stage": "stage gang fahrbereich stufe",
+        "stage": "stage gang fahrbereich stufe fahrstufe gangstufe",
         "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
         "\u6d41\u91cf",
-        "engine": "engine eng input inlet in an antrieb eingang antriebswelle "
+        "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
         "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
-        "ingresso entrada motore vm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
+        "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
         "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
         "ausgangswelle sortie salida uscita saida cardan \u8f93\u51fa "
         "\u8f93\u51fa\u8f74",
@@ -76,15 +76,19 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "gearbox getriebe trans cvt hmcvt angular plate "
         "position pos angle winkel relative norm normalized percent delta d diff "
         "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
-        "elapsed test abs absolute lokal utc sec \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
-        "\u53d8\u901f\u7bb1 \u673a\u68b0 bench pruefstand x",
-        "other": "loss losses verlust verluste perte perdida perdita fuel kraftstoff "
+        "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
+        "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
+        "\u53d8\u901f\u7bb1 bench pruefstand x",
+        "loss": "loss losses verlust verluste perte perdida perdita",
+        "other": "fuel kraftstoff "
         "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
         "commanded demand demanded desired requested request limit limits max maximum "
         "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
         "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
         "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
         "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
+        "volumetrique volumique mecanique volumetrico mecanico mecanica volumetrica meccanico "
+        "\u5bb9\u79ef \u673a\u68b0 "
         "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
         "carrier number nr nummer no count start stop end duration dauer operating "
         "remaining operation betriebsstunden air luft intake manifold charge_air "
@@ -110,6 +114,16 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
+_OF_A_PART = frozenset(
+    {
+        *("gear", "gears", "zahnrad", "verzahnung", "planetary", "planet", "mesh"),
+        *("differential", "clutch", "kupplung", "variator", "hst", "hydrostat"),
+        *("brake", "belt", "drive", "axle", "stage", "stufe"),
+    }
+)
+"""Beside an efficiency these words name a part of the transmission, or more than it."""
+_DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
+"""Beside what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
         *("drehzahl", "drehmoment", "moment", "leistung"),
@@ -149,6 +163,8 @@ SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """Letters that stand for a quantity, the usual one first; a unit or another column decides."""
+_SIDE_LETTERS = frozenset("aeio")
+"""Letters that are a side of the transmission unless a word names it: then they count parts."""
 _WEAK_SYMBOLS = frozenset("mTtPpsw")
 """Letters that alone, without a unit, do not name a quantity for sure."""
 
@@ -190,9 +206,10 @@ RULES = (
     Rule("engine_speed", "speed", "engine", excludes=("std",)),
     Rule("output_speed", "speed", "output", excludes=("std",)),
     Rule("output_speed", "speed", "load", excludes=("std",)),
-    Rule("engine_torque", "torque", "engine", excludes=("std",)),
-    Rule("output_torque", "torque", "output", excludes=("std",)),
-    Rule("load_torque", "torque", "load", excludes=("std",)),
+    Rule("torque_loss", "torque", needs=("loss",), excludes=("std", "output", "load")),
+    Rule("engine_torque", "torque", "engine", excludes=("std", "loss")),
+    Rule("output_torque", "torque", "output", excludes=("std", "loss")),
+    Rule("load_torque", "torque", "load", excludes=("std", "loss")),
     Rule("engine_power", "power", "engine", excludes=("std",)),
     Rule("output_power", "power", "output", excludes=("std",)),
     Rule("output_power", "power", "load", excludes=("std",)),
@@ -210,6 +227,7 @@ class Meaning(NamedTuple):
         unknown: words and brackets that are not understood.
         problem: why the column cannot be taken without asking; `""` for no problem.
         weak: whether only a letter of several uses names it.
+        excluded: word that says that the column is none of the quantities; `""` for none.
     """
 
     quantity: str = ""
@@ -218,6 +236,7 @@ class Meaning(NamedTuple):
     unknown: tuple[str, ...] = ()
     problem: str = ""
     weak: bool = False
+    excluded: str = ""
 
 
 def _dictionary() -> dict[str, tuple[str, ...]]:
@@ -229,11 +248,39 @@ def _dictionary() -> dict[str, tuple[str, ...]]:
 
 
 _MEANINGS = _dictionary()
-_LONG = sorted((w for w in _MEANINGS if len(w) > 3 or not w.isascii()), key=len)[::-1]
+_SHORT_PARTS = ("oel", "oil")
+"""Short words that compounds begin with, as in `Oeltemperatur`."""
+
+
+def _compound_parts() -> list[str]:
+    """Return the words of which compounds are made, the longest first."""
+    parts = []
+    for word in _MEANINGS:
+        if len(word) > 3 or not word.isascii() or word in _SHORT_PARTS:
+            parts.append(word)
+    return sorted(parts, key=len, reverse=True)
+
+
+_LONG = _compound_parts()
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
+_CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
+"""Number of the channel of a data logger, which does not belong to the name."""
+_MESSAGES = re.compile(r"^(?:[A-Z][A-Z\d]*\d\.)+(?=[A-Za-z])")
+"""Bus and message in front of a signal, as in `CAN1.EEC1.EngineSpeed`."""
+_PERCENT = frozenset({"percent", "pct", "prozent", "pourcent", "porciento"})
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
-_SUFFIX = re.compile(r"[_ ]([^_ ]+(?:[_ ]ft)?)$")
+_SCALED = re.compile(
+    r"[_ ](?:in |/ )?((?:x ?)?(?:10|100|1000|10\^3)[ x*]+[A-Za-z]\S*)$"
+)
+_SUFFIX = re.compile(
+    r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
+    r"[^_ ]+(?:[_ ]ft)?)$"
+)
+
+
+_MISREAD = "\u00a1-\u00ac\u00ae\u00af\u00b4\u00b6\u00b8\u00bb\u00bf\ufffd"
+"""Signs that stand in a name only where the encoding of the file was not recognised."""
 
 
 @lru_cache(maxsize=4096)
@@ -258,10 +305,11 @@ def _word_meanings(word: str) -> tuple[str, ...]:
 
 def _tokens(name: str) -> list[str]:
     """Return the words of a name in their own case."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain_text(name))
+    text = plain_text(name.replace("+/-", " std "))
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
     text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
-    return re.findall(r"[^\W_]+", text)
+    return re.findall(rf"[^\W_]+|[{_MISREAD}]+", text)
 
 
 class _Parts(NamedTuple):
@@ -274,6 +322,7 @@ class _Parts(NamedTuple):
 
 def _take_apart(cell: str) -> _Parts:
     """Split a cell of the header into words and unit."""
+    cell = _MESSAGES.sub("", _CHANNEL.sub(" ", cell))
     unit: Unit | None = None
     unread: list[str] = []
     inner_words: list[str] = []
@@ -298,6 +347,11 @@ def _take_apart(cell: str) -> _Parts:
 
 def _without_suffix(name: str) -> _Parts:
     """Split off a unit that follows the name without brackets, as in `n_engine_rpm`."""
+    scaled = _SCALED.search(name)
+    if scaled is not None:
+        known = unit_of(scaled[1])
+        if known is not None:
+            return _Parts(_tokens(name[: scaled.start()]), known)
     delimited = _DELIMITED.search(name)
     if delimited is not None:
         known = usual_unit(delimited[1])
@@ -383,11 +437,68 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
-    is_ratio = "ratio" in words and kind not in ("stroke", "efficiency")
-    if "other" in means or is_ratio:
+    excluding = _excluding(parts.words, kind, means)
+    if excluding:
+        return Meaning("", kind, unit, unknown, problem, excluded=excluding)
+    if kind in SHAFT_KINDS and not _PERCENT.isdisjoint(words) and unit is None:
+        problem = f"it is in percent, of a {kind} that the table does not state"
+        return Meaning("", kind, unit, unknown, problem)
+    if kind == "time" and unknown and "time" not in _kinds(parts.words):
+        # A duration in a name that is not understood, such as the length of a pulse.
         return Meaning("", kind, unit, unknown, problem)
     quantity, side_problem = _by_rules(kind, means, words)
-    return Meaning(quantity, kind, unit, unknown, problem or side_problem, weak)
+    clash = _kinds_clash(quantity, kind, words)
+    problem = problem or side_problem or clash
+    return Meaning(quantity, kind, unit, unknown, problem, weak)
+
+
+def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
+    """Return the word of a name that says that it is none of the quantities; `""` for none.
+
+    Args:
+        words: of the name.
+        kind: what is measured.
+        means: meanings of the words.
+    """
+    against = {"other"} & means
+    if kind != "torque":
+        against |= {"loss"} & means
+    listed: Set[str] = frozenset()
+    if kind == "efficiency":
+        listed = _OF_A_PART | _OF_THE_HYDRAULICS
+        sides = means & {"engine", "output", "load", "pump"}
+        if len(sides) == 1:  # that of the transmission is from one side to the other
+            against |= sides
+    elif kind in SHAFT_KINDS:
+        listed = _DIFFERENCE
+        against |= means & {"pump", "feed", "oil", "std"}
+        if kind == "power":
+            listed = listed | _OF_THE_HYDRAULICS
+    lowered = [word.lower() for word in words]
+    for word, low in zip(words, lowered, strict=True):
+        if low == "operating" and "point" in lowered:
+            continue
+        if low in listed or against & set(_word_meanings(low)):
+            return word
+        if low == "ratio" and kind not in ("stroke", "efficiency"):
+            return word
+    return ""
+
+
+def _kinds_clash(quantity: str, kind: str, words: list[str]) -> str:
+    """Say that a name measures two things, as in `stroke pressure`; `""` for one.
+
+    Args:
+        quantity: that the rules give.
+        kind: what is measured.
+        words: of the name, in lower case.
+    """
+    if kind not in (*SHAFT_KINDS, "efficiency", "stroke") or not quantity:
+        return ""
+    others = _word_kinds(words) - {kind}
+    if not others:
+        return ""
+    return f"its name says {kind} and {' and '.join(sorted(others))}"
 
 
 def _unit_clash(in_name: Unit | None, below: Unit | None) -> str:
@@ -445,8 +556,12 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
     means: set[str] = set()
     strange = []
     lowered = [word.lower() for word in words]
+    side_by_word = _names_side(lowered)
     for word, low in zip(words, lowered, strict=True):
         if word in SYMBOLS and kind in SYMBOLS[word]:
+            continue
+        if side_by_word and low in _SIDE_LETTERS:
+            strange.append(word)
             continue
         if low == "motor" and _GERMANIC_KINDS & set(lowered):
             means.add("engine")
@@ -456,16 +571,38 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
             means |= set(found)
         else:
             strange.append(word)
+    if strange:
+        # In a name that is not understood, a letter may count machines or phases.
+        means -= _sides_by_letter(lowered)
     if kind in ("pressure", "temperature") and "charge" in lowered:
         means.add("feed")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
         means.add("one_side")
-    if kind in ("power", "efficiency") and not _OF_THE_HYDRAULICS.isdisjoint(lowered):
-        means.add("other")
     # A temperature of the gearbox or the hydraulics is that of their oil.
     if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
         means.add("oil")
     return means, strange
+
+
+def _names_side(words: list[str]) -> bool:
+    """Return whether a word longer than a letter names a side of the transmission."""
+    for word in words:
+        sides = {"engine", "output", "load"} & set(_word_meanings(word))
+        if sides and word not in _SIDE_LETTERS:
+            return True
+    return False
+
+
+def _sides_by_letter(words: list[str]) -> set[str]:
+    """Return the sides of the transmission that only single letters of a name say."""
+    by_letter: set[str] = set()
+    by_word: set[str] = set()
+    for word in words:
+        if word in _SIDE_LETTERS:
+            by_letter.update(_word_meanings(word))
+        else:
+            by_word.update(_word_meanings(word))
+    return by_letter - by_word
 
 
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
@@ -478,11 +615,9 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     """
     sides = means & {"engine", "output", "load"}
     if kind in SHAFT_KINDS:
-        if "std" in means:
-            return "", ""
         if sides == {"engine", "output"} and "of the engine" in " ".join(words):
             sides = {"engine"}
-        if not sides:
+        if not sides and "loss" not in means:
             return f"any_{kind}", ""
         if len(sides) > 1:
             return f"any_{kind}", "names two sides of the transmission"
@@ -516,6 +651,15 @@ def names_quantity(cell: str) -> str:
     return meaning.quantity if meaning.quantity else ""
 
 
+def file_says_efficiency(name: str) -> bool:
+    """Return whether the name of a file or sheet says that it holds efficiencies."""
+    words = {word.lower() for word in _tokens(name)}
+    return not words.isdisjoint(_EFFICIENCY_OF_FILES)
+
+
+_EFFICIENCY_OF_FILES = frozenset(
+    {"efficiency", "efficiencies", "eff", "eta", "wirkungsgrad", "\u6548\u7387"}
+)
 _UNIT_BENCH = (
     ("volumetric_efficiency", "efficiency", "volumetric volumetrisch vol volumetrique"),
     (

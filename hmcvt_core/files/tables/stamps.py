@@ -189,7 +189,7 @@ def joined_stamps(dates: Sequence[str], clocks: Sequence[str]) -> list[str] | No
         daytime = _DAYTIME.fullmatch(clock)
         if dated is None or dated["clock"] is not None or daytime is None:
             return None
-        if daytime["clock"].count(":") < 2 and daytime["half"] is None:
+        if daytime["half"] is None and _may_count_minutes(daytime["clock"]):
             return None
         joined.append(f"{day} {clock}")
     seconds = read_times(joined, "", False).seconds
@@ -197,6 +197,13 @@ def joined_stamps(dates: Sequence[str], clocks: Sequence[str]) -> list[str] | No
     if np.any(np.diff(known) < -_DAY / 2.0):
         return None
     return joined
+
+
+def _may_count_minutes(clock: str) -> bool:
+    """Return whether a clock without seconds may count minutes and seconds from the start."""
+    if clock.count(":") > 1:
+        return False
+    return int(clock.split(":")[0]) > 23 or clock.startswith("00:00")
 
 
 def _past_midnight(seconds: Array) -> Array:

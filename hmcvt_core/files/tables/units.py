@@ -27,6 +27,8 @@ _SPEED = {
 _TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179483314004}
 _POWER = {"W": 1.0, "kW": 1e3, "hp": 745.6998715822702, "PS": 735.49875}
 _PART = {"-": 1.0, "%": 0.01}
+_STROKE = {**_PART, "%@50": 0.02, "-@0.5": 2.0}
+"""Units of the stroke; behind `@` stands the reading of the neutral."""
 _FLOW = {
     "m3/s": 1.0,
     "L/min": 1.0 / 6e4,
@@ -37,12 +39,13 @@ _FLOW = {
 _TURN = 2.0 * np.pi
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "displacement_ratio": _PART,
+        "displacement_ratio": _STROKE,
         "engine_speed": _SPEED,
         "output_speed": _SPEED,
         "engine_torque": _TORQUE,
         "output_torque": _TORQUE,
         "load_torque": _TORQUE,
+        "torque_loss": _TORQUE,
         "engine_power": _POWER,
         "output_power": _POWER,
         "efficiency": _PART,
@@ -63,7 +66,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "part": _PART,
+        "part": _STROKE,
         "speed": {**_SPEED, "deg/s": np.pi / 180.0},
         "torque": {
             **_TORQUE,
@@ -87,26 +90,30 @@ KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 """The same by what the units measure; flow and displacement are of hydrostatic units."""
 
-ZERO: Mapping[str, float] = MappingProxyType({"deg F": 32.0, "K": 273.15})
-"""Reading at 0 deg C, of the units of temperature that have another zero."""
+ZERO: Mapping[str, float] = MappingProxyType(
+    {"deg F": 32.0, "K": 273.15, "%@50": 50.0, "-@0.5": 0.5}
+)
+"""Reading at 0 deg C or in neutral, of the units that have another zero."""
 
 _ALSO = {
-    "rad/s": "rad/sec 1rad/s rads-1 s-1rad",
+    "rad/s": "rad/sec 1rad/s rads-1 s-1rad radps radpers rad_s rad_per_s rad_per_sec",
+    "N m": "n_m",
     "lb ft": "lbfft lbft ftlb ftlbf ftlbs lbsft footpound footpounds poundfeet lbf*ft",
-    "kNm": "kN*m",
+    "kNm": "kN*m kn_m",
     "kgf m": "kpm mkp mkg kgm",
     "lb in": "lbfin inlb inlbf inlbs lbin",
-    "deg/s": "grad/s deg/sec",
+    "deg/s": "grad/s deg/sec deg_s deg_per_s deg_per_sec",
     "hp": "bhp horsepower",
     "PS": "cv ch",
-    "rpm": "/min t/min tr/min rev/min rev/minute giri/min upm umin-1 r.p.m. rpms "
+    "rpm": "rev_min rev_per_min "
+    "/min t/min tr/min rev/min rev/minute giri/min upm umin-1 r.p.m. rpms "
     "revs/min vueltas/min r.min-1 \u8f6c/\u5206 ob/min \u043e\u0431/\u043c\u0438\u043d",
     "kW": "\u5343\u74e6",
     "bar": "bara barg bard",
     "psi": "psia psid psig lbf/in2",
-    "deg C": "celsius degcelsius gradc \u2103",
+    "deg C": "deg_c celsius degcelsius gradc \u2103",
     "K": "kelvin",
-    "deg F": "f fahrenheit \u2109",
+    "deg F": "deg_f f fahrenheit \u2109",
     "ms": "msec milliseconds millisecond",
     "s": "sec secs second seconds sek sekunden \u79d2",
     "min": "minute minutes minuten mins \u5206\u949f",
@@ -125,7 +132,8 @@ _ALSO = {
 _AMBIGUOUS = ("1/s", "s-1", "hz", "rps", "rev/s", "r/s", "u/s")
 """Units of speed of which some say radians and some turns, to be asked."""
 _OTHER = (
-    *("deg", "rad", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s", "km/h", "kg", "kg/h"),
+    *("deg", "rad", "rev", "turns", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s"),
+    *("km/h", "mph", "kg", "kg/h"),
     *("g/s", "g/kWh", "L/h", "kJ", "kWh", "g/h", "ppm"),
 )
 """Usual units of what is no quantity of a bench."""
@@ -135,8 +143,9 @@ _LETTERS = str.maketrans(
         "\u03b5": " eps ",
         "\u03c9": " omega ",
         "\u03b1": " alpha ",
-        "\u0394": " d ",
-        "\u2206": " d ",
+        "\u0394": " delta ",
+        "\u00b1": " std ",
+        "\u2206": " delta ",
         "\u00df": "ss",
         "\u00e4": "ae",
         "\u00f6": "oe",
@@ -212,6 +221,14 @@ _FOR_PINT = re.compile(
 )
 
 
+_SCALED_KINDS = ("speed", "torque", "power")
+_POWER_OF_TEN = re.compile(
+    r"[x\u00d7]? ?(?P<before>10|100|1000|10\^3)[ x\u00d7*]+(?P<unit>[A-Za-z].*)"
+    r"|(?P<first>[A-Za-z].*?) ?[x\u00d7] ?(?P<behind>10|100|1000|10\^3)"
+)
+"""A power of ten in front of a unit, or behind it after a sign of multiplication."""
+
+
 @lru_cache(maxsize=1)
 def _registry() -> Any:
     import pint
@@ -227,7 +244,24 @@ def unit_of(text: str) -> Unit | None:
     known = _WRITTEN.get(_key(text))
     if known is not None:
         return known
-    return _unit_by_pint(text.strip(" []()<>{}"))
+    bare = text.strip(" []()<>{}")
+    power, base = _power_of_ten(bare)
+    if power == 1.0:
+        return _unit_by_pint(bare)
+    known = unit_of(base)
+    if known is None or known.kind not in _SCALED_KINDS or known.name == "1/s":
+        return None
+    return Unit(known.kind, f"{power:.0f} {known.name}")
+
+
+def _power_of_ten(unit: str) -> tuple[float, str]:
+    """Return the power of ten in a unit such as `x1000 rpm`, and the rest of it."""
+    hit = _POWER_OF_TEN.fullmatch(unit)
+    if hit is None:
+        return 1.0, unit
+    digits = hit["before"] or hit["behind"]
+    power = 1000.0 if digits == "10^3" else float(digits)
+    return power, hit["unit"] or hit["first"]
 
 
 @lru_cache(maxsize=1024)
@@ -268,6 +302,9 @@ def to_si(kind: str, unit: str) -> tuple[float, float]:
     """
     if unit in KIND_UNITS[kind]:
         return KIND_UNITS[kind][unit], ZERO.get(unit, 0.0)
+    power, base = _power_of_ten(unit)
+    if power != 1.0 and kind in _SCALED_KINDS:
+        return power * to_si(kind, base)[0], 0.0
     known = unit_of(unit)
     if known is None or known.kind != kind or kind not in _BASE_UNITS:
         raise KeyError(unit)
@@ -289,7 +326,13 @@ def to_si(kind: str, unit: str) -> tuple[float, float]:
 def kind_of(quantity: str) -> str:
     """Return what a quantity measures, a key of `KIND_UNITS`."""
     last = quantity.rpartition("_")[2]
-    special = {"ratio": "part", "efficiency": "part", "std": "part", "stamp": "time"}
+    special = {
+        "ratio": "part",
+        "efficiency": "part",
+        "std": "part",
+        "stamp": "time",
+        "loss": "torque",
+    }
     return special.get(last, last)
 
 

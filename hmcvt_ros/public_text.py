@@ -1,0 +1,46 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What of a text may leave the machine, or enter a log.
+
+Everyone on the network reads `/diagnostics`, `/rosout`, `~/model` and the replies of services. They
+name files as within the state folder. Texts from the network may hold line breaks and escape codes,
+which would forge lines of a log.
+"""
+
+import re
+from pathlib import Path
+
+_FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"',;:]+)+/""")
+"""Folders in an absolute path."""
+
+
+def printable(text: str) -> str:
+    """Return a text whose control characters are written as escapes."""
+    if text.isprintable():
+        return text
+    characters = []
+    for character in text:
+        if character.isprintable():
+            characters.append(character)
+        else:
+            characters.append(character.encode("unicode_escape").decode())
+    return "".join(characters)
+
+
+class PublicText:
+    """Names files as within the state folder: where that is, is not disclosed."""
+
+    def __init__(self, folder: Path) -> None:
+        """Take the path of the state folder."""
+        self._folders = tuple(
+            f"{path}/" for path in {folder, folder.absolute(), folder.resolve()}
+        )
+
+    def __call__(self, text: str) -> str:
+        """Return a text without folders of absolute paths and without control characters."""
+        for folder in self._folders:
+            text = text.replace(folder, "")
+        return printable(_FOLDERS.sub("", text))
+
+    def names_folders(self, text: str) -> bool:
+        """Whether a text names folders that must not leave the machine."""
+        return self(text) != printable(text)
