@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,13 @@ DRIFT_READINGS = 5.0
 
 Five windows are a usual load cycle. Its log has `LENGTH_LOG_DEVIATION`.
 """
+SUCCESSIVE = 5
+"""Least number of readings in succession that are left out together, as drift lasts.
+
+Those next to a reading left out would predict it too well.
+"""
+LONGEST_RUN = 0.2
+"""Largest part of the readings that is left out together: five folds at least."""
 DEVIATION_LOG_BOUNDS = (-4.0, 3.0)
 NOISE_LOG_BOUNDS = (-4.0, 4.0)
 """Bounds of the logs of deviation and noise, against runaway searches."""
@@ -113,6 +121,18 @@ class Training:
             noise=self.noise[index],
             order=self.order[index],
         )
+
+
+class LeftOut(NamedTuple):
+    """Residuals at readings that are left out in runs.
+
+    Attributes:
+        residuals: residual / its standard deviation, in the order of time, shape (n,).
+        run: number of readings in succession that are left out together.
+    """
+
+    residuals: Array
+    run: int
 
 
 @dataclass(frozen=True)
@@ -299,6 +319,13 @@ class Remainder:
 
         left = self.training.values - self.training.columns @ self.coefficients
         return np.asarray(cho_solve((self._factor, True), left))
+
+    def left_out_runs(self) -> LeftOut:
+        """Return residuals at readings left out for as long as drift lasts."""
+        longest = max(1, int(LONGEST_RUN * len(self.training.values)))
+        run = max(SUCCESSIVE, math.ceil(self.drift.readings))
+        run = min(run, longest)
+        return LeftOut(self.left_out_residuals(run), run)
 
     def left_out_residuals(self, run: int = 1) -> Array:
         """Return residuals at readings left out / their standard deviations, shape (n,).

@@ -27,6 +27,7 @@ from ...diagnosis.system import (
     Points,
     forms_of,
 )
+from ...physics.remainder import LeftOut
 
 VISIBLE_DIFFERENCE = 9.0
 """Squared deviations by which two curves must differ to be distinguished: three deviations."""
@@ -104,12 +105,8 @@ class SoundMachine(Protocol):
             Shape (channels, n, n).
         """
 
-    def left_out_residuals(self, run: int) -> list[Array]:
-        """Return standardised residuals of each channel at sound samples left out, (n,) each.
-
-        Args:
-            run: number of readings in succession that are left out together.
-        """
+    def left_out_residuals(self) -> list[LeftOut]:
+        """Return residuals of each channel at sound samples that are left out."""
 
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""

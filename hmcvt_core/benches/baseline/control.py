@@ -15,6 +15,7 @@ from ...diagnosis.preparation import prepare
 from ...diagnosis.settings import GAP_SIGNIFICANCE
 from ...diagnosis.system import Array
 from ...errors import InputError
+from ...physics.remainder import LeftOut
 from .change import CLASS_TO_DRIFT, Change, SoundMachine, with_sound_uncertainty
 
 CONTROL_PART = 0.25
@@ -29,9 +30,6 @@ LEAST_FITTED = 10
 LEAST_SOUND = LEAST_CONTROL + LEAST_FITTED
 """Least samples of a baseline."""
 
-SUCCESSIVE = 5
-"""Readings in succession that are left out together, as drift lasts; those next to a reading left
-out would predict it too well."""
 DRAWS = 2000
 """Draws of the baseline; they resolve probabilities of a thousandth."""
 
@@ -104,8 +102,9 @@ def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -
 
     A few readings that stand apart make a difference significant, and any bench has some. The mean
     of log(1 + z^2) over the standardised differences z, which single readings hardly move, is
-    compared with that of the baseline by drawing from the latter runs of readings (block
-    bootstrap; Kuensch 1989, Ann. Stat. 17, 1217).
+    compared with that of draws. A draw consists of runs of left-out residuals of the baseline
+    (block bootstrap; Kuensch 1989, Ann. Stat. 17, 1217) and of one error of the sound prediction,
+    which all readings share.
 
     Args:
         machine: held.
@@ -114,29 +113,43 @@ def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -
     """
     sound, covariance = machine.sound_at(observed.points)
     drift = machine.drift_at(observed.points, observed.deviation)
-    variance = np.diagonal(covariance + drift, axis1=1, axis2=2)
-    total = variance + observed.deviation**2
+    of_readings = np.diagonal(drift, axis1=1, axis2=2) + observed.deviation**2
+    total = np.diagonal(covariance, axis1=1, axis2=2) + of_readings
     sizes = np.mean(np.log1p((observed.measured - sound) ** 2 / total), axis=1)
     rng = np.random.default_rng(seed)
-    for of_channel, residuals in zip(
-        sizes, machine.left_out_residuals(SUCCESSIVE), strict=True
-    ):
-        draws = _mean_sizes(residuals, len(observed), rng)
-        if np.mean(draws >= of_channel) <= GAP_SIGNIFICANCE:
+    left_out = machine.left_out_residuals()
+    for i, size in enumerate(sizes):
+        errors = _errors_of_prediction(covariance[i], rng)
+        scatter = _runs(left_out[i], len(observed), rng) * np.sqrt(of_readings[i])
+        draws = (errors + scatter) ** 2 / total[i]
+        if np.mean(np.mean(np.log1p(draws), axis=1) >= size) <= GAP_SIGNIFICANCE:
             return True
     return False
 
 
-def _mean_sizes(residuals: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return means of log(1 + z^2) of so many residuals, drawn in runs, shape (draws,).
+def _errors_of_prediction(covariance: Array, rng: np.random.Generator) -> Array:
+    """Return draws of a normal distribution around zero, shape (draws, n).
 
     Args:
-        residuals: of the baseline, in the order of time.
+        covariance: of the sound prediction, shape (n, n).
+        rng: of the draws.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(rng.standard_normal((DRAWS, len(values))) @ scaled.T)
+
+
+def _runs(left_out: LeftOut, count: int, rng: np.random.Generator) -> Array:
+    """Return so many residuals, drawn in runs, shape (draws, count).
+
+    Args:
+        left_out: residuals of the baseline.
         count: number of residuals in a draw.
         rng: of the draws.
     """
-    run = min(SUCCESSIVE, len(residuals))
+    residuals = left_out.residuals
+    run = min(left_out.run, len(residuals))
     runs = -(-count // run)
     starts = rng.integers(0, len(residuals) - run + 1, (DRAWS, runs))
     rows = (starts[..., None] + np.arange(run)).reshape(DRAWS, -1)[:, :count]
-    return np.asarray(np.mean(np.log1p(residuals[rows] ** 2), axis=1))
+    return np.asarray(residuals[rows])

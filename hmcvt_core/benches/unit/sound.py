@@ -50,7 +50,7 @@ from ...physics.effects.wear import (
     UnreadOilTemperature,
     ViscousDamping,
 )
-from ...physics.remainder import Remainder, Training, fit_remainder
+from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT
 from ..transmission.channels import OIL_TEMPERATURE
 from .system import (
@@ -218,9 +218,9 @@ class SoundUnit:
             covariances.append(remainder.drift_covariance(_stacked(points), noise))
         return np.stack(covariances)
 
-    def left_out_residuals(self, run: int) -> list[Array]:
-        """Return standardised residuals of each channel at runs of sound samples left out."""
-        return [remainder.left_out_residuals(run) for remainder in self.remainders]
+    def left_out_residuals(self) -> list[LeftOut]:
+        """Return residuals of each channel at sound samples that are left out."""
+        return [remainder.left_out_runs() for remainder in self.remainders]
 
     def within_temperatures(self, points: Points) -> Points:
         """Return points with oil temperatures limited to those of the baseline.
