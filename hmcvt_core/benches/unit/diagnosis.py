@@ -17,6 +17,7 @@ from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
 from .change import UnitChange, diagnose_change
+from .served import ServedUnit, paper_terms, served_unit
 from .system import (
     FRICTION,
     LARGEST_GAIN,
@@ -48,6 +49,7 @@ class UnitDiagnosis:
         diagnosis: as of any system; the gap is that of the flow loss.
         paper: the terms of the paper alone, refitted, the meters taken as exact.
         model: with the leading set of effects, whether the verdict names it or not.
+        served: the model that is handed over; None where there is no gap.
         holdout: held-out samples, or None.
         same: in how many of the deals the same set leads; None where no cause is named.
         seed: of every random number.
@@ -59,6 +61,7 @@ class UnitDiagnosis:
     holdout: UnitSamples | None
     same: int | None
     seed: int = 0
+    served: ServedUnit | None = None
 
     @property
     def found(self) -> Diagnosis:
@@ -67,8 +70,11 @@ class UnitDiagnosis:
 
     @property
     def rmse(self) -> dict[str, dict[str, float | None]]:
-        """Errors of both models by channel, m3/s and N m; None without a holdout."""
-        models = {"base": self.paper, "with_effects": self.model}
+        """Errors by channel, m3/s and N m; None without a holdout.
+
+        `base` is the terms of the paper, `with_effects` the model that is handed over.
+        """
+        models = {"base": self.paper, "with_effects": self.served or self.model}
         errors: dict[str, dict[str, float | None]] = {"flow": {}, "torque": {}}
         for prefix, samples in (
             ("", self.diagnosis.samples),
@@ -135,6 +141,7 @@ class UnitDiagnosis:
             **data,
             "rmse": self.rmse,
             "same_set_in_deals": self.same,
+            "served": [] if self.served is None else self.served.to_dict(),
             "parameters": parameters,
         }
 
@@ -175,7 +182,7 @@ def _errors_in_words(row: dict[str, float | None], channel: Channel) -> str:
         if value is not None
     }
     text = (
-        f"rms left by the paper's terms -> with effects, {channel.unit}: "
+        f"rms left by the paper's terms -> handed over, {channel.unit}: "
         f"fitted {errors['base']} -> {errors['with_effects']}"
     )
     if "holdout_base" in errors:
@@ -254,13 +261,30 @@ def diagnose_unit(
         if doubt is None and REFERENCE_DISPLACEMENT in leading:
             doubt = _displacement_error(model)
         diagnosis = replace(diagnosis, verdict=verdict)
+    served = None
+    if diagnosis.verdict != "no_gap":
+        if progress is not None:
+            progress("the model that is handed over")
+        served = served_unit(system, samples, _leading_effects(diagnosis))
+        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *served.notes()))
     return UnitDiagnosis(
         _with_doubt(diagnosis, doubt),
-        _paper_terms(system, samples),
+        paper_terms(system, samples),
         model,
         holdout,
         same,
         seed,
+        served,
+    )
+
+
+def _leading_effects(diagnosis: Diagnosis) -> tuple[Any, ...]:
+    """Return the effects of the leading set at their sizes, none where no set leads."""
+    if not diagnosis.causes:
+        return ()
+    names = diagnosis.sets[0].effects
+    return tuple(
+        effect for effect in diagnosis.causes[0].model.effects if effect.name in names
     )
 
 
@@ -319,35 +343,6 @@ def _with_doubt(diagnosis: Diagnosis, doubt: str | None) -> Diagnosis:
     if doubt is None:
         return replace(diagnosis, notes=notes, warnings=())
     return replace(diagnosis, notes=(doubt, *notes), warnings=(doubt,))
-
-
-def _paper_terms(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
-    """Fit leakage and damping by weighted least squares."""
-    _, ideal_torque = samples.ideal
-    leakage = damping = 0.0
-    if samples.flow_loss is not None:
-        weight = samples.deviation_of("flow_loss") ** -2.0
-        leakage = _slope(samples.pressure, samples.flow_loss, weight)
-    if samples.torque_loss is not None:
-        weight = samples.deviation_of("torque_loss") ** -2.0
-        rubbed = samples.torque_loss - FRICTION * ideal_torque
-        damping = _slope(samples.speed, rubbed, weight)
-    base = np.array(
-        [
-            np.log10(leakage / system.size + 1e-16),
-            damping / system.size,
-            0.0,
-            0.0,
-            0.0,
-        ]
-    )
-    return UnitModel(system, base, ())
-
-
-def _slope(driver: Any, loss: Any, weight: Any) -> float:
-    """Weighted least-squares slope of a line through the origin, not negative."""
-    slope = np.sum(weight * driver * loss) / np.sum(weight * driver**2)
-    return max(float(slope), 0.0)
 
 
 def _deals_led_by(

@@ -389,7 +389,7 @@ def fit_sound_unit(
             columns=columns,
             spread=spread,
             values=np.asarray(getattr(samples, channel.name)),
-            noise=samples.deviation_of(channel.name),
+            noise=_reading_deviation(samples, channel.name),
             smooth_deviation=CLASS_TO_DRIFT * channel.misfit_spread,
             nonnegative=nonnegative,
             least_width=_least_widths(points),
@@ -409,6 +409,15 @@ def fit_sound_unit(
     )
 
 
+def _reading_deviation(samples: UnitSamples, channel: str) -> Array:
+    """Return the standard deviation of readings, with that of the zero of the meter, shape (n,).
+
+    Without the zero, tests at low speed would outweigh all others.
+    """
+    largest = np.abs(samples.meter_reading(channel)).max()
+    return np.hypot(samples.deviation_of(channel), METER_ZERO * largest)
+
+
 def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
     """Set up the channels of samples, with the noise that the baseline shows.
 
@@ -425,7 +434,7 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
     deviation = []
     for channel, remainder in zip(sound.channels, sound.remainders, strict=True):
         measured.append(getattr(samples, channel.name))
-        stated = samples.deviation_of(channel.name)
+        stated = _reading_deviation(samples, channel.name)
         deviation.append(remainder.noise_ratio_at(_stacked(points)) * stated)
     return Observations(
         axes=tuple(axes),

@@ -279,6 +279,10 @@ class UnitModel:
         """Return loss of flow [m3/s] and torque [N m] at the points of samples, shape (2, n)."""
         return self.system.losses(self.base, self.effects, points_of(samples))
 
+    def predict(self, samples: UnitSamples) -> dict[str, Array]:
+        """Return both losses at the points of samples, by channel, shape (n,) each."""
+        return dict(zip(LOSSES, self.losses(samples), strict=True))
+
     def rmse(self, samples: UnitSamples) -> list[float | None]:
         """Return the root mean square error of both losses [m3/s], [N m]; None where not read."""
         errors: list[float | None] = []
