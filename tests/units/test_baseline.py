@@ -36,3 +36,18 @@ def test_wrong_baselines_are_named():
         diagnose_unit(sound, baseline=replace(sound, displacement=1e-5))
     with pytest.raises(InputError, match="too few for a baseline"):
         diagnose_unit(sound, baseline=sound.select(np.arange(9)))
+
+
+def test_a_zero_of_the_meter_is_no_wear():
+    sound = pump(2)
+    zero = 2e-4 * sound.meter_reading("flow_loss").max()
+    later = replace(pump(4), flow_loss=pump(4).flow_loss + zero)
+    assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
+
+
+def test_same_seed_same_answer():
+    answers = [
+        diagnose_unit(pump(3, further=2.0), baseline=pump(2), seed=5).to_dict()
+        for _ in range(2)
+    ]
+    assert answers[0] == answers[1]

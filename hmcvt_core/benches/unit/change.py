@@ -26,6 +26,7 @@ from ..baseline import (
     with_sound_uncertainty,
 )
 from ..transmission.channels import OIL_TEMPERATURE
+from .refusal import refuse_contradicted
 from .sound import (
     ChangedUnit,
     SoundUnit,
@@ -207,7 +208,7 @@ def diagnose_change(
         notes=tuple(notes),
     )
     model = ChangedUnit(sound, ())
-    of_mechanisms = record.applied_to(diagnosis)
+    of_mechanisms = record.applied_to(refuse_contradicted(diagnosis))
     if of_mechanisms.verdict in NAMING:
         model = diagnosis.causes[0].model
     return UnitChange(of_mechanisms, sound, model, record, holdout, seed)

@@ -17,6 +17,7 @@ from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
 from .change import UnitChange, diagnose_change
+from .refusal import leading_effects, refuse_contradicted
 from .served import ServedUnit, paper_terms, served_unit
 from .system import (
     FRICTION,
@@ -50,6 +51,7 @@ class UnitDiagnosis:
         paper: the terms of the paper alone, refitted, the meters taken as exact.
         model: with the leading set of effects, whether the verdict names it or not.
         served: the model that is handed over; None where there is no gap.
+        leading: names of the effects of `model`.
         holdout: held-out samples, or None.
         same: in how many of the deals the same set leads; None where no cause is named.
         seed: of every random number.
@@ -62,6 +64,7 @@ class UnitDiagnosis:
     same: int | None
     seed: int = 0
     served: ServedUnit | None = None
+    leading: tuple[str, ...] = ()
 
     @property
     def found(self) -> Diagnosis:
@@ -109,11 +112,8 @@ class UnitDiagnosis:
     @property
     def _variances(self) -> Any:
         """Variances of the scaled base parameters with the leading set, else of the prior."""
-        names: tuple[str, ...] = ()
-        if self.diagnosis.causes:
-            names = self.diagnosis.sets[0].effects
         for explanation, _ in self.diagnosis.posterior.entries:
-            if explanation.names == names:
+            if explanation.names == self.leading:
                 return np.diag(explanation.plain_model.covariance)
         return self.model.system.base.spread**2
 
@@ -262,10 +262,12 @@ def diagnose_unit(
             doubt = _displacement_error(model)
         diagnosis = replace(diagnosis, verdict=verdict)
     served = None
+    leading_names = diagnosis.sets[0].effects if diagnosis.causes else ()
     if diagnosis.verdict != "no_gap":
         if progress is not None:
             progress("the model that is handed over")
-        served = served_unit(system, samples, _leading_effects(diagnosis))
+        served = served_unit(system, samples, leading_effects(diagnosis))
+        diagnosis = refuse_contradicted(diagnosis)
         diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *served.notes()))
     return UnitDiagnosis(
         _with_doubt(diagnosis, doubt),
@@ -275,16 +277,7 @@ def diagnose_unit(
         same,
         seed,
         served,
-    )
-
-
-def _leading_effects(diagnosis: Diagnosis) -> tuple[Any, ...]:
-    """Return the effects of the leading set at their sizes, none where no set leads."""
-    if not diagnosis.causes:
-        return ()
-    names = diagnosis.sets[0].effects
-    return tuple(
-        effect for effect in diagnosis.causes[0].model.effects if effect.name in names
+        leading_names,
     )
 
 

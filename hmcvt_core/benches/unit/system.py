@@ -73,6 +73,11 @@ LARGEST_GAIN = 3.0
 PAPER_DISPLACEMENT = 55e-6 / (2.0 * np.pi)
 """Displacement of each unit of the paper's pair, for which the priors hold [m3/rad]."""
 
+PHYSICAL_LIMITS = {"compliance": 3.0}
+"""Largest physical values of parameters of effects on the bench of a unit.
+
+1 / bulk modulus of oil with air: about 3 1/GPa (Merritt 1967, Hydraulic Control Systems, 2.2).
+"""
 FIELD_SPREADS = (2.5, 8.0, 25.0)
 """Prior standard deviations of a smooth unlisted loss, in deviations of a class A meter.
 
@@ -438,7 +443,7 @@ def _library(kind: str, size: float, stroke_varies: bool) -> tuple[Effect, ...]:
     if not stroke_varies:
         excluded |= {"displacement_error", "at full stroke", CoulombStribeckFull.form}
     return tuple(
-        effect.in_unit(kind, size)
+        effect.in_unit(kind, size, PHYSICAL_LIMITS)
         for effect in library(units=True)
         if effect.name not in excluded and effect.form not in excluded
     )
