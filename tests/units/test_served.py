@@ -51,7 +51,7 @@ def test_errors_at_left_out_samples_cover_fresh_ones(bumpy):
 
 def test_weights_are_in_the_answer(bumpy):
     rows = bumpy.to_dict()["served"]
-    assert [row["band"] for row in rows][0] == "inside"
+    assert rows[0]["band"] == "inside"
     for row in rows:
         for weights in row["weights"].values():
             assert sum(weights.values()) == pytest.approx(1.0)
