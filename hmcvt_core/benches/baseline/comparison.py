@@ -68,7 +68,7 @@ class ChangeDiagnosis(Diagnosis):
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
-        return f"{super().report()}\nbaseline   {self.baseline.sentence()}"
+        return f"{super().report()}\n{self.baseline.line()}"
 
 
 def compare(

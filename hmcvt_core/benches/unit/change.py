@@ -106,7 +106,7 @@ class UnitChange:
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
-        lines = [self.diagnosis.report(), f"baseline   {self.baseline.sentence()}"]
+        lines = [self.diagnosis.report(), self.baseline.line()]
         for channel in self.sound.channels:
             row = self.rmse[_short(channel.name)]
             unit, factor = CHANNEL_UNITS[channel.name]
