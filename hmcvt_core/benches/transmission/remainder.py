@@ -127,7 +127,7 @@ class _Bumps:
 
         Args:
             samples: of one stage.
-            predicted: efficiency of the model there, shape (n,).
+            predicted: efficiency of the model at their points, shape (n,).
         """
         points = np.stack(
             [samples.displacement_ratio, samples.engine_speed, samples.load_torque], 1
