@@ -290,7 +290,7 @@ class _Grid:
     gaps: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, rows: Array, step: float, source: str) -> "_Grid":
+    def of(cls, rows: Array, step: float, source: str) -> _Grid:
         if not step > 0.0:
             raise InputError(f"step = {step:g} s; needs a positive one")
         distances = np.diff(rows)
