@@ -21,6 +21,9 @@ from .strategies import Strategy, strategy_named
 DIESEL_DENSITY = 0.835
 """Mass of a litre of diesel [kg], the middle of EN 590 (0.820 to 0.845 at 15 deg C)."""
 
+_SMALLEST_PART = 1e-9
+"""Of the engine's work: what less is needs no line in the report."""
+
 _MOST_NAMED = 5  # complaints of one kind that the text names
 
 
@@ -165,8 +168,8 @@ def _energy_lines(energy: Energy) -> list[str]:
     losses = sorted(energy.losses.items(), key=lambda loss: -loss[1])
     parts += [(name, joules, "lost: ") for name, joules in losses]
     for name, joules, kind in parts:
-        if joules == 0.0:
-            continue
+        if abs(joules) < _SMALLEST_PART * energy.engine:
+            continue  # rounding of a part that takes nothing
         share = 100.0 * joules / energy.engine
         label = kind + name.replace("_", " ")
         lines.append(f"  {label:<26} {joules / 3.6e6:7.3f} kWh {share:6.1f} %")
