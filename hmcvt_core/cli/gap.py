@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..benches import transmission
-from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
+from ..benches.unit import UnitChange, UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
 from ..files.bench import BenchSamples, read_bench
 from ..files.logs.opening import is_log
@@ -96,7 +96,9 @@ def diagnose(
 
 
 def _answer(
-    diagnosis: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]
+    diagnosis: Diagnosis | UnitDiagnosis | UnitChange,
+    report: str | None,
+    lines: list[str],
 ) -> Answer:
     """Return the answer of a diagnosis, and write its report where one is asked for."""
     if report is not None:
@@ -273,7 +275,8 @@ def _band(text: str) -> tuple[str, float]:
     """
   hmcvt unit pump.csv
   hmcvt unit table.csv --kind motor --unit S4D --above pressure=0.7 --json
-  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""",
+  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml
+  hmcvt unit pump.csv --baseline commissioning.csv --json""",
     common.report_option,
     common.effects_option,
     common.seed_option,
@@ -295,6 +298,12 @@ def _band(text: str) -> tuple[str, float]:
     "then gives the stroke.",
 )
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
+@click.option(
+    "--baseline",
+    metavar="SOUND.csv",
+    help="The same unit when it was sound, or a sister: only what has changed since is "
+    "diagnosed.",
+)
 @click.option(
     "--above",
     type=_band,
@@ -321,6 +330,7 @@ def unit(
     name: str | None,
     displacement: str | None,
     holdout: str | None,
+    baseline: str | None,
     above: tuple[str, float] | None,
     noise: float | None,
     report: str | None,
@@ -329,12 +339,18 @@ def unit(
 ) -> Answer:
     """Diagnose one pump or motor: its losses against the loss terms of the paper.
 
-    UNIT.csv holds kind, displacement, displacement_ratio, speed, pressure, and flow_loss and
-    torque_loss or volumetric_efficiency and mechanical_efficiency. In SI, or with the unit behind
-    the name: pressure_bar, speed_rpm, displacement_cm3.
+    UNIT.csv holds kind, displacement, displacement_ratio, speed, pressure, and any of flow (or
+    flow_loss, volumetric_efficiency), torque (or torque_loss, mechanical_efficiency), drain_flow,
+    electric_power; a flow or a drain flow is needed. In SI, or with the unit behind the name:
+    pressure_bar, speed_rpm, displacement_cm3, flow_L/min.
+
+    With --baseline the sound unit is fitted first and held, and only the change is diagnosed.
     """
     common.one_of("choose what is held out", holdout=holdout, above=above)
-    common.keep_inputs([table, holdout], [report, into])
+    common.one_of(
+        "a change is not put into a transmission", baseline=baseline, into=into
+    )
+    common.keep_inputs([table, holdout, baseline], [report, into])
     samples = read_unit(
         table, kind=kind, unit=name, displacement=displacement, noise=noise
     )
@@ -347,14 +363,22 @@ def unit(
             displacement=displacement,
             noise=noise,
         )
+    sound = None
+    if baseline is not None:
+        sound = read_unit(
+            baseline, kind=samples.kind, displacement=displacement, noise=noise
+        )
     if above is not None:
         samples, held_out = samples.divided(*above)
     # Loaded first, so that a wrong file is refused before the work.
     model = None if into is None else common.model_from(into)
     with common.Progress("diagnosis") as progress:
-        diagnosis = diagnose_unit(samples, held_out, seed=seed, progress=progress)
+        diagnosis = diagnose_unit(
+            samples, held_out, seed=seed, progress=progress, baseline=sound
+        )
     lines = []
     if into is not None and model is not None:
+        assert isinstance(diagnosis, UnitDiagnosis)  # without a baseline
         save_model(put_into(model, diagnosis), into)
         lines.append(f"{samples.kind} written into {into}")
     return _answer(diagnosis, report, lines)
