@@ -34,6 +34,7 @@ READERS = "hmcvt.readers"
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json
+  hmcvt diagnose bench.csv --baseline commissioned.csv --noise 0.004 --json
   hmcvt diagnose data/simulated.csv --noise 0.004 --mission transport""",
     common.params_option,
     common.noise_option,
@@ -46,6 +47,12 @@ READERS = "hmcvt.readers"
     "--holdout",
     metavar="H.csv",
     help="Samples to measure the shrinkage on; cross-validation when left out.",
+)
+@click.option(
+    "--baseline",
+    metavar="SOUND.csv",
+    help="The same transmission when it was sound, or a sister: only what has changed since is "
+    "diagnosed.",
 )
 @click.option(
     "--save-model",
@@ -63,6 +70,7 @@ def diagnose(
     bench: str,
     params: str | None,
     holdout: str | None,
+    baseline: str | None,
     noise: float | None,
     report: str | None,
     picture: str | None,
@@ -70,17 +78,28 @@ def diagnose(
     mission: str | None,
     seed: int,
 ) -> Answer:
-    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
-    common.keep_inputs([bench, holdout], [report, picture, saved])
+    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks.
+
+    With --baseline the sound transmission is fitted first and held, and only the change is
+    diagnosed.
+    """
+    common.keep_inputs([bench, holdout, baseline], [report, picture, saved])
     common.keep_inputs([params], [report, picture])
     model = common.model_from(params)
     samples = read_bench(bench)
     held_out = None if holdout is None else read_bench(holdout)
+    sound = None if baseline is None else read_bench(baseline)
     # Read first, so that a wrong file is refused before the work.
     cycle = None if mission is None else cycle_from(mission)
     with common.Progress("diagnosis") as progress:
         diagnosis = transmission.diagnose(
-            model, samples, held_out, noise=noise, seed=seed, progress=progress
+            model,
+            samples,
+            held_out,
+            noise=noise,
+            seed=seed,
+            progress=progress,
+            baseline=sound,
         )
     lines = []
     if saved is not None:

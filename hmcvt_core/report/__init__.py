@@ -21,6 +21,7 @@ import os
 from functools import partial
 from pathlib import Path
 
+from ..benches.baseline import ChangeDiagnosis
 from ..benches.unit import CHANNEL_UNITS, PARAMETERS, UnitChange, UnitDiagnosis
 from ..diagnosis import Diagnosis, Isolability, settings
 from ..diagnosis.results import text as words
@@ -104,9 +105,12 @@ def html(diagnosis: Diagnosis | UnitDiagnosis | UnitChange) -> str:
         names = tuple(found.parameters)
         reference = "sound unit"
         baseline = diagnosis.baseline
+    elif isinstance(diagnosis, ChangeDiagnosis):
+        found, names = diagnosis, tuple(diagnosis.parameters)
+        baseline = diagnosis.baseline
     else:
         found, names = diagnosis, tuple(diagnosis.parameters)
-    if isinstance(found.base, EfficiencyModel):
+    if isinstance(found.base, EfficiencyModel) and baseline is None:
         names = PARAMETER_NAMES
     script = (TEMPLATES / "page.js.j2").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

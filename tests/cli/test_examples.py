@@ -131,6 +131,7 @@ def workplace(tmp_path, monkeypatch):
         "table",
     ):
         _write_unit(tmp_path / f"{name}.csv")
+    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "commissioned.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
     (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):

@@ -8,6 +8,7 @@ from .change import (
     different_curves,
     with_sound_uncertainty,
 )
+from .comparison import ChangeDiagnosis, Reference, compare
 from .control import Control, control_and_rest, exceeds_baseline, judge_control
 from .record import Baseline
 
@@ -15,8 +16,11 @@ __all__ = [
     "CLASS_TO_DRIFT",
     "Baseline",
     "Change",
+    "ChangeDiagnosis",
     "Control",
+    "Reference",
     "SoundMachine",
+    "compare",
     "control_and_rest",
     "different_curves",
     "exceeds_baseline",

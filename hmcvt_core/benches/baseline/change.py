@@ -292,29 +292,32 @@ def different_curves(
 
     Returns:
         By the name of each effect that is compared the effects that are the same curve, itself
-        first. Effects that the readings do not show are left out.
+        first, one class of each name. Effects that the readings do not show are left out.
     """
     system = Change(machine)
     hypothesis = Hypothesis(system, shared_count=observed.shared_count)
     base = refit(hypothesis, observed)
     # Of the noise only the statement is free of the change.
     base = replace(base, noise=np.ones_like(base.noise))
+    classes: dict[str, Any] = {}
     curves: dict[str, Array] = {}
     for effect in machine.library:
         of_forms = _visible_curves(base, effect)
-        if len(of_forms):
-            curves[effect.name] = of_forms
+        if not len(of_forms):
+            continue
+        classes.setdefault(effect.name, effect)
+        if effect.name in curves:
+            of_forms = np.concatenate([curves[effect.name], of_forms])
+        curves[effect.name] = of_forms
     allowed = _allowed_difference(base, curves)
     kept: dict[str, list[Any]] = {}
-    for effect in machine.library:
-        if effect.name not in curves:
-            continue
-        twin = None
-        for name in kept:
-            if _is_same(curves[effect.name], curves[name], allowed):
-                twin = name
+    for name, effect in classes.items():
+        twin = name
+        for other in kept:
+            if _is_same(curves[name], curves[other], allowed):
+                twin = other
                 break
-        kept.setdefault(twin or effect.name, []).append(effect)
+        kept.setdefault(twin, []).append(effect)
     return {name: tuple(effects) for name, effects in kept.items()}
 
 

@@ -112,6 +112,7 @@ def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -
         seed: of the draws.
     """
     sound, covariance = machine.sound_at(observed.points)
+    covariance = covariance + _shared_covariance(observed)
     drift = machine.drift_at(observed.points, observed.deviation)
     of_readings = np.diagonal(drift, axis1=1, axis2=2) + observed.deviation**2
     total = np.diagonal(covariance, axis1=1, axis2=2) + of_readings
@@ -127,11 +128,17 @@ def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -
     return False
 
 
+def _shared_covariance(observed: Observations) -> Array:
+    """Return the covariance of errors that the readings share, shape (channels, n, n)."""
+    shared = observed.shared_columns * observed.deviation[..., None]
+    return np.asarray(shared @ shared.transpose(0, 2, 1))
+
+
 def _errors_of_prediction(covariance: Array, rng: np.random.Generator) -> Array:
     """Return draws of a normal distribution around zero, shape (draws, n).
 
     Args:
-        covariance: of the sound prediction, shape (n, n).
+        covariance: of the sound prediction and of shared errors, shape (n, n).
         rng: of the draws.
     """
     values, vectors = np.linalg.eigh(covariance)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,9 @@ from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
 from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
 from ...diagnosis.wording import plain
 from .control import Control
+
+REPORT_WIDTH = 100
+"""Width of a report for a person, in columns."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,15 @@ class Baseline:
             f"Compared with {self.samples} sound samples of {self.source}; "
             f"{self.control.samples} of them, left out as a control, {outcome} "
             f"(p = {self.control.p_value:.2g})."
+        )
+
+    def line(self) -> str:
+        """Return the sentence as a line of a report."""
+        return textwrap.fill(
+            self.sentence(),
+            width=REPORT_WIDTH,
+            initial_indent=f"{'baseline':11}",
+            subsequent_indent=11 * " ",
         )
 
     def applied_to(self, diagnosis: Diagnosis) -> Diagnosis:

@@ -9,21 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from ...diagnosis import Diagnosis, diagnose_system
+from ...diagnosis import Diagnosis
 from ...diagnosis.results.outcome import NAMING
 from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
 from ..baseline import (
-    CLASS_TO_DRIFT,
     Baseline,
-    Change,
     Control,
+    Reference,
+    compare,
     control_and_rest,
-    different_curves,
-    exceeds_baseline,
     judge_control,
-    with_sound_uncertainty,
 )
 from ..transmission.channels import OIL_TEMPERATURE
 from .refusal import refuse_contradicted
@@ -109,7 +106,7 @@ class UnitChange:
 
     def report(self) -> str:
         """Return the outcome as text for a person."""
-        lines = [self.diagnosis.report(), f"baseline   {self.baseline.sentence()}"]
+        lines = [self.diagnosis.report(), self.baseline.line()]
         for channel in self.sound.channels:
             row = self.rmse[_short(channel.name)]
             unit, factor = CHANNEL_UNITS[channel.name]
@@ -186,26 +183,17 @@ def diagnose_change(
     sound = fit_sound_unit(baseline.select(fitted), channels, varied_axes(samples))
     control = _control_of(sound, baseline.select(left_out), seed)
     sound = _with_temperature(sound, samples, seed, notes)
-    observed = with_sound_uncertainty(observe_change(sound, samples), sound)
-    curves = different_curves(sound, observed)
     notes += _extrapolation_notes(sound, samples)
     held_out = None
     if holdout is not None:
-        held_out = with_sound_uncertainty(observe_change(sound, holdout), sound)
-    library = tuple(effects[0] for effects in curves.values())
-    # A difference that another meter of the same class explains is no change.
-    meters = 1.0 if _differs(sound, samples, seed) else CLASS_TO_DRIFT
-    diagnosis = diagnose_system(
-        Change(sound, library, meters), observed, held_out, seed=seed, progress=progress
-    )
-    record = Baseline(
-        source=baseline.source,
-        samples=len(baseline),
-        control=control,
-        same_curves={n: group for n, group in curves.items() if len(group) > 1},
-        untestable=sound.untestable,
-        exceeds=exceeds_baseline(sound, observe_change(sound, samples), seed),
-        notes=tuple(notes),
+        held_out = observe_change(sound, holdout)
+    reference = Reference(sound, len(baseline), control, sound.untestable, tuple(notes))
+    diagnosis, record = compare(
+        reference,
+        observe_change(sound, samples),
+        held_out,
+        seed=seed,
+        progress=progress,
     )
     model = ChangedUnit(sound, ())
     of_mechanisms = record.applied_to(refuse_contradicted(diagnosis))
