@@ -59,7 +59,14 @@ READERS = "hmcvt.readers"
     "saved",
     type=common.OutputFile(),
     metavar="P.yaml",
-    help="Write the model with the leading set of causes in it.",
+    help="Write the model with the leading set of causes in it; see --empirical.",
+)
+@click.option(
+    "--empirical/--no-empirical",
+    default=True,
+    show_default=True,
+    help="With --save-model and verdict unexplained: add what the model misses as a smooth "
+    "empirical remainder, where it predicts samples left out better.",
 )
 @click.option(
     "--mission",
@@ -75,6 +82,7 @@ def diagnose(
     report: str | None,
     picture: str | None,
     saved: str | None,
+    empirical: bool,
     mission: str | None,
     seed: int,
 ) -> Answer:
@@ -102,13 +110,22 @@ def diagnose(
             baseline=sound,
         )
     lines = []
+    remainder = None
     if saved is not None:
-        save_model(diagnosis.model, saved)
-        lines.append(f"model{_added_effects(diagnosis)} written to {saved}")
+        model_to_save = diagnosis.model
+        added = _added_effects(diagnosis)
+        if empirical and diagnosis.verdict == "unexplained":
+            remainder = transmission.with_empirical_remainder(diagnosis)
+            model_to_save = remainder.model
+            added = _added_remainder(remainder)
+        save_model(model_to_save, saved)
+        lines.append(f"model{added} written to {saved}")
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
     answer = _answer(diagnosis, report, lines)
+    if remainder is not None:
+        answer.value["delivered"]["rmse_empirical"] = remainder.rmse_with
     if cycle is None:
         return answer
     return with_gap_cost(answer, diagnosis, model, cycle)
@@ -124,6 +141,18 @@ def _answer(
         write_report(diagnosis, report)
         lines = [*lines, f"report written to {report}"]
     return Answer(diagnosis.to_dict(), [diagnosis.report(), *lines])
+
+
+def _added_remainder(remainder: transmission.EmpiricalRemainder) -> str:
+    """Return in words which remainder the saved model holds."""
+    if not remainder.bumps:
+        return ""
+    without = 100.0 * remainder.rmse_without
+    with_it = 100.0 * remainder.rmse_with
+    return (
+        f" with an empirical remainder ({without:.2f} -> {with_it:.2f} points rms at samples "
+        "left out)"
+    )
 
 
 def _added_effects(diagnosis: Diagnosis) -> str:

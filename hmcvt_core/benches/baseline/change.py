@@ -116,7 +116,7 @@ class SoundMachine(Protocol):
 
         Args:
             points: operating points.
-            sound: readings of the sound machine there, shape (channels, n).
+            sound: readings of the sound machine at them, shape (channels, n).
 
         Returns:
             Names, and shape (errors, channels, n).

@@ -41,7 +41,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class ChangeDiagnosis(Diagnosis):
-    """Diagnosis of a change; the sound machine takes the place of the base model.
+    """Diagnosis of a change; the sound machine stands for the base model.
 
     Attributes:
         baseline: where the sound machine comes from, and its control.
@@ -52,9 +52,9 @@ class ChangeDiagnosis(Diagnosis):
     @classmethod
     def of(cls, diagnosis: Diagnosis, baseline: Baseline) -> ChangeDiagnosis:
         """Return a diagnosis with its baseline."""
-        values = {
-            item.name: getattr(diagnosis, item.name) for item in fields(diagnosis)
-        }
+        values: dict[str, Any] = {}
+        for item in fields(diagnosis):
+            values[item.name] = getattr(diagnosis, item.name)
         return cls(**values, baseline=baseline)
 
     @property
@@ -108,11 +108,15 @@ def compare(
         seed=seed,
         progress=progress,
     )
+    same_curves = {}
+    for name, group in curves.items():
+        if len(group) > 1:
+            same_curves[name] = group
     baseline = Baseline(
         source=machine.source,
         samples=reference.samples,
         control=reference.control,
-        same_curves={name: group for name, group in curves.items() if len(group) > 1},
+        same_curves=same_curves,
         untestable=reference.untestable,
         exceeds=exceeds_baseline(machine, observed, seed),
         notes=reference.notes,

@@ -156,8 +156,8 @@ def _extrapolation_notes(sound: SoundTransmission, samples: BenchSamples) -> lis
         if beyond.any():
             notes.append(
                 f"{int(beyond.sum())} of {len(samples)} samples go beyond the "
-                f"{name.replace('_', ' ')} of the baseline; the sound transmission is less "
-                "certain there"
+                f"{name.replace('_', ' ')} of the baseline, where the sound transmission is less "
+                "certain"
             )
     return notes
 

@@ -226,14 +226,12 @@ def diagnose_unit(
         holdout = validation
     if baseline is not None:
         return diagnose_change(samples, baseline, holdout, seed=seed, progress=progress)
+    doubt = _displacement_doubt(samples)
     if holdout is not None:
         _check_holdout(holdout, samples)
-    doubt = _displacement_doubt(samples)
-    if doubt is None and holdout is not None:
-        doubt = _displacement_doubt(holdout)
-    samples, notes = _with_torque(samples)
-    if holdout is not None:
+        doubt = doubt or _displacement_doubt(holdout)
         holdout, _ = _with_torque(holdout)
+    samples, notes = _with_torque(samples)
     if samples.flow_loss is None:
         raise InputError(
             f"{samples.source}: no flow is read; a drain flow alone is compared with a "
@@ -251,24 +249,17 @@ def diagnose_unit(
     )
     model: UnitModel = diagnosis.base
     same = None
+    leading: tuple[str, ...] = ()
     if diagnosis.causes:
         model = diagnosis.causes[0].model
         leading = diagnosis.sets[0].effects
         if diagnosis.verdict in NAMING and deals:
             twins = diagnosis.twins_of(leading)
             same = _deals_led_by(twins, system, observed, seed, progress)
-        verdict = _verdict(diagnosis, same, doubt)
+        diagnosis = replace(diagnosis, verdict=_verdict(diagnosis, same, doubt))
         if doubt is None and REFERENCE_DISPLACEMENT in leading:
             doubt = _displacement_error(model)
-        diagnosis = replace(diagnosis, verdict=verdict)
-    served = None
-    leading_names = diagnosis.sets[0].effects if diagnosis.causes else ()
-    if diagnosis.verdict != "no_gap":
-        if progress is not None:
-            progress("the model that is handed over")
-        served = served_unit(system, samples, leading_effects(diagnosis))
-        diagnosis = refuse_contradicted(diagnosis)
-        diagnosis = replace(diagnosis, notes=(*diagnosis.notes, *served.notes()))
+    diagnosis, served = _handed_over(diagnosis, system, samples, progress)
     return UnitDiagnosis(
         _with_doubt(diagnosis, doubt),
         paper_terms(system, samples),
@@ -277,8 +268,32 @@ def diagnose_unit(
         same,
         seed,
         served,
-        leading_names,
+        leading,
     )
+
+
+def _handed_over(
+    diagnosis: Diagnosis,
+    system: HydrostaticUnit,
+    samples: UnitSamples,
+    progress: Callable[[str], None] | None,
+) -> tuple[Diagnosis, ServedUnit | None]:
+    """Return a diagnosis without contradicted sets, and the model that is handed over.
+
+    Args:
+        diagnosis: of the unit.
+        system: the unit.
+        samples: to which models are fitted.
+        progress: as of `diagnose_system`.
+    """
+    if diagnosis.verdict == "no_gap":
+        return diagnosis, None
+    if progress is not None:
+        progress("the model that is handed over")
+    served = served_unit(system, samples, leading_effects(diagnosis))
+    diagnosis = refuse_contradicted(diagnosis)
+    notes = (*diagnosis.notes, *served.notes())
+    return replace(diagnosis, notes=notes), served
 
 
 def _check_holdout(holdout: UnitSamples, samples: UnitSamples) -> None:
