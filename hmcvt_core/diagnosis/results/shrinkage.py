@@ -8,8 +8,8 @@ estimated twice:
 
 - measured: the mean squared error at samples left out, less the noise. The folds are random points,
   blocks of neighbouring points, and whole sessions;
-- expected: the mean square of the gap by the posterior over all explanations, each with an
-  allowance for its forms. It holds what no fold shows: which explanation is right, and that
+- expected: the median over the posterior of the mean square of the gap, over all explanations,
+  each with an allowance for its forms. It holds what no fold shows: which explanation is right, and that
   coefficients fitted to few samples are uncertain.
 
 Both count alike, but no G^2 is promised below the expected one. The interval pools the
@@ -290,7 +290,8 @@ def shrinkage(
     squares = np.stack([before**2, after**2], axis=1) - variances[:, None]
     gap_squares = np.maximum(squares.mean(axis=0), 0.0)
     if expected is not None:
-        of_posterior = _mean_squares(expected).mean(axis=0)
+        # The median: a few draws with a large gap would lower every promise.
+        of_posterior = np.median(_mean_squares(expected), axis=0)
         beyond = np.maximum(gap_squares - of_posterior, 0.0)
         gap_squares = of_posterior + beyond / 2.0
     fraction = None
