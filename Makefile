@@ -12,6 +12,7 @@
 #                the machine should do nothing else meanwhile)
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (two hours on two cores)
+#   make real DIR=...  rigs with known faults and makers' units; writes docs/real.md (two minutes)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
 #                docs/export-check.md (a quarter to half an hour)
@@ -36,7 +37,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types format oldest colcon soak bench blind reproduce mutants export docs lock system clean
+.PHONY: demo test lint types format oldest colcon soak bench real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -92,6 +93,10 @@ soak: $(VENV)/.dev
 # A million points of made-up stages against an independent solver.
 edges: $(VENV)/.dev
 	$(BIN)/python -m studies.edges
+
+# Tables of real rigs and units in a folder; docs/real.md says where to find them.
+real: $(VENV)/.dev
+	$(BIN)/python -m studies.real $(DIR) --out docs/real.md
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md

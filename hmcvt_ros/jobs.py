@@ -191,7 +191,12 @@ def _number(cell: str, label: str) -> float:
 
 
 def diagnose(
-    samples: Path, model: Path, seed: int, reports: Path, noise: float = 0.0
+    samples: Path,
+    model: Path,
+    seed: int,
+    reports: Path,
+    noise: float = 0.0,
+    baseline: str = "",
 ) -> dict[str, Any]:
     """Diagnose the gap between a model and samples.
 
@@ -201,16 +206,21 @@ def diagnose(
         seed: seed of the random numbers.
         reports: folder for the page of the diagnosis.
         noise: standard deviation of the efficiency [-]; 0 for what the samples state.
+        baseline: bench file of the sound transmission, which is held; empty for none.
 
     Returns:
         The object of `hmcvt diagnose --json`, and `report`: path of the page, None with a reason in
         `report_error` when it cannot be written.
     """
+    sound = None
+    if baseline:
+        sound = bench_of(Path(baseline), noise)
     diagnosis = hmcvt.diagnose(
         hmcvt.load_model(model),
         bench_of(samples, noise),
         noise=noise or None,
         seed=seed,
+        baseline=sound,
     )
     answer = diagnosis.to_dict()
     try:

@@ -321,6 +321,13 @@ class Settings:
         (0.0, EFFICIENCY_STD.high),
         read_only=True,
     )
+    baseline_file: str = _parameter(
+        "",
+        "Bench CSV of this transmission when it was sound, or of a sister: ~/diagnose fits it "
+        "first, holds it and diagnoses what has changed since; empty for none.",
+        read_only=True,
+        is_path=True,
+    )
     job_time_limit: float = _parameter(
         300.0,
         "Time after which a refit or a diagnosis is ended.",

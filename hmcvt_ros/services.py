@@ -198,6 +198,7 @@ class Services:
                 jobs.diagnose,
                 reports=self._folder / "reports",
                 noise=self._settings().bench_noise,
+                baseline=self._settings().baseline_file,
             )
         self._activity.gap = gap_values(result, fingerprint, utc_now())
         return result

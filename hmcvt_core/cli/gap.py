@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..benches import transmission
-from ..benches.unit import UnitDiagnosis, diagnose_unit, put_into
+from ..benches.unit import UnitChange, UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
 from ..files.bench import BenchSamples, read_bench
 from ..files.logs.opening import is_log
@@ -34,6 +34,7 @@ READERS = "hmcvt.readers"
   hmcvt diagnose bench.csv --noise 0.004 --report report.html
   hmcvt diagnose bench.csv --noise 0.004 --report report.pdf --picture gap.png
   hmcvt diagnose bench.csv --holdout later.csv --save-model params/diagnosed.yaml --json
+  hmcvt diagnose bench.csv --baseline commissioned.csv --noise 0.004 --json
   hmcvt diagnose data/simulated.csv --noise 0.004 --mission transport""",
     common.params_option,
     common.noise_option,
@@ -48,11 +49,24 @@ READERS = "hmcvt.readers"
     help="Samples to measure the shrinkage on; cross-validation when left out.",
 )
 @click.option(
+    "--baseline",
+    metavar="SOUND.csv",
+    help="The same transmission when it was sound, or a sister: only what has changed since is "
+    "diagnosed.",
+)
+@click.option(
     "--save-model",
     "saved",
     type=common.OutputFile(),
     metavar="P.yaml",
-    help="Write the model with the leading set of causes in it.",
+    help="Write the model with the leading set of causes in it; see --empirical.",
+)
+@click.option(
+    "--empirical/--no-empirical",
+    default=True,
+    show_default=True,
+    help="With --save-model and verdict unexplained: add what the model misses as a smooth "
+    "empirical remainder, where it predicts samples left out better.",
 )
 @click.option(
     "--mission",
@@ -63,46 +77,82 @@ def diagnose(
     bench: str,
     params: str | None,
     holdout: str | None,
+    baseline: str | None,
     noise: float | None,
     report: str | None,
     picture: str | None,
     saved: str | None,
+    empirical: bool,
     mission: str | None,
     seed: int,
 ) -> Answer:
-    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks."""
-    common.keep_inputs([bench, holdout], [report, picture, saved])
+    """Diagnose the gap: where it lies, which effect causes it, how far it shrinks.
+
+    With --baseline the sound transmission is fitted first and held, and only the change is
+    diagnosed.
+    """
+    common.keep_inputs([bench, holdout, baseline], [report, picture, saved])
     common.keep_inputs([params], [report, picture])
     model = common.model_from(params)
     samples = read_bench(bench)
     held_out = None if holdout is None else read_bench(holdout)
+    sound = None if baseline is None else read_bench(baseline)
     # Read first, so that a wrong file is refused before the work.
     cycle = None if mission is None else cycle_from(mission)
     with common.Progress("diagnosis") as progress:
         diagnosis = transmission.diagnose(
-            model, samples, held_out, noise=noise, seed=seed, progress=progress
+            model,
+            samples,
+            held_out,
+            noise=noise,
+            seed=seed,
+            progress=progress,
+            baseline=sound,
         )
     lines = []
+    remainder = None
     if saved is not None:
-        save_model(diagnosis.model, saved)
-        lines.append(f"model{_added_effects(diagnosis)} written to {saved}")
+        model_to_save = diagnosis.model
+        added = _added_effects(diagnosis)
+        if empirical and diagnosis.verdict == "unexplained":
+            remainder = transmission.with_empirical_remainder(diagnosis)
+            model_to_save = remainder.model
+            added = _added_remainder(remainder)
+        save_model(model_to_save, saved)
+        lines.append(f"model{added} written to {saved}")
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
     answer = _answer(diagnosis, report, lines)
+    if remainder is not None:
+        answer.value["delivered"]["rmse_empirical"] = remainder.rmse_with
     if cycle is None:
         return answer
     return with_gap_cost(answer, diagnosis, model, cycle)
 
 
 def _answer(
-    diagnosis: Diagnosis | UnitDiagnosis, report: str | None, lines: list[str]
+    diagnosis: Diagnosis | UnitDiagnosis | UnitChange,
+    report: str | None,
+    lines: list[str],
 ) -> Answer:
     """Return the answer of a diagnosis, and write its report where one is asked for."""
     if report is not None:
         write_report(diagnosis, report)
         lines = [*lines, f"report written to {report}"]
     return Answer(diagnosis.to_dict(), [diagnosis.report(), *lines])
+
+
+def _added_remainder(remainder: transmission.EmpiricalRemainder) -> str:
+    """Return in words which remainder the saved model holds."""
+    if not remainder.bumps:
+        return ""
+    without = 100.0 * remainder.rmse_without
+    with_it = 100.0 * remainder.rmse_with
+    return (
+        f" with an empirical remainder ({without:.2f} -> {with_it:.2f} points rms at samples "
+        "left out)"
+    )
 
 
 def _added_effects(diagnosis: Diagnosis) -> str:
@@ -273,7 +323,8 @@ def _band(text: str) -> tuple[str, float]:
     """
   hmcvt unit pump.csv
   hmcvt unit table.csv --kind motor --unit S4D --above pressure=0.7 --json
-  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml""",
+  hmcvt unit pump.csv --report pump.html --into params/tractor.yaml
+  hmcvt unit pump.csv --baseline commissioning.csv --json""",
     common.report_option,
     common.effects_option,
     common.seed_option,
@@ -295,6 +346,12 @@ def _band(text: str) -> tuple[str, float]:
     "then gives the stroke.",
 )
 @click.option("--holdout", metavar="H.csv", help="Samples to measure the shrinkage on.")
+@click.option(
+    "--baseline",
+    metavar="SOUND.csv",
+    help="The same unit when it was sound, or a sister: only what has changed since is "
+    "diagnosed.",
+)
 @click.option(
     "--above",
     type=_band,
@@ -321,6 +378,7 @@ def unit(
     name: str | None,
     displacement: str | None,
     holdout: str | None,
+    baseline: str | None,
     above: tuple[str, float] | None,
     noise: float | None,
     report: str | None,
@@ -329,12 +387,18 @@ def unit(
 ) -> Answer:
     """Diagnose one pump or motor: its losses against the loss terms of the paper.
 
-    UNIT.csv holds kind, displacement, displacement_ratio, speed, pressure, and flow_loss and
-    torque_loss or volumetric_efficiency and mechanical_efficiency. In SI, or with the unit behind
-    the name: pressure_bar, speed_rpm, displacement_cm3.
+    UNIT.csv holds kind, displacement, displacement_ratio, speed, pressure, and any of flow (or
+    flow_loss, volumetric_efficiency), torque (or torque_loss, mechanical_efficiency), drain_flow,
+    electric_power; a flow or a drain flow is needed. In SI, or with the unit behind the name:
+    pressure_bar, speed_rpm, displacement_cm3, flow_L/min.
+
+    With --baseline the sound unit is fitted first and held, and only the change is diagnosed.
     """
     common.one_of("choose what is held out", holdout=holdout, above=above)
-    common.keep_inputs([table, holdout], [report, into])
+    common.one_of(
+        "a change is not put into a transmission", baseline=baseline, into=into
+    )
+    common.keep_inputs([table, holdout, baseline], [report, into])
     samples = read_unit(
         table, kind=kind, unit=name, displacement=displacement, noise=noise
     )
@@ -347,14 +411,22 @@ def unit(
             displacement=displacement,
             noise=noise,
         )
+    sound = None
+    if baseline is not None:
+        sound = read_unit(
+            baseline, kind=samples.kind, displacement=displacement, noise=noise
+        )
     if above is not None:
         samples, held_out = samples.divided(*above)
     # Loaded first, so that a wrong file is refused before the work.
     model = None if into is None else common.model_from(into)
     with common.Progress("diagnosis") as progress:
-        diagnosis = diagnose_unit(samples, held_out, seed=seed, progress=progress)
+        diagnosis = diagnose_unit(
+            samples, held_out, seed=seed, progress=progress, baseline=sound
+        )
     lines = []
     if into is not None and model is not None:
+        assert isinstance(diagnosis, UnitDiagnosis)  # without a baseline
         save_model(put_into(model, diagnosis), into)
         lines.append(f"{samples.kind} written into {into}")
     return _answer(diagnosis, report, lines)

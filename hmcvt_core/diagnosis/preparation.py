@@ -122,7 +122,8 @@ def _check_count(system: System, observed: Observations) -> None:
     """Refuse a campaign that cannot separate a gap from the base parameters."""
     source = observed.samples.source
     n = len(observed)
-    parameters = len(system.base)
+    # Errors of meters around a machine that is held are no parameters to be identified.
+    parameters = getattr(system, "identified", len(system.base))
     reason = f"cannot tell a gap from the {parameters} parameters that are refitted"
     least = max(LEAST_SAMPLES, parameters + 1)
     if n < least:

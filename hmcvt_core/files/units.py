@@ -62,6 +62,10 @@ _QUANTITIES: Mapping[str, str] = MappingProxyType(
         "mechanical_efficiency": "part",
         "overall_efficiency": "part",
         "oil_temperature": "temperature",
+        "drain_flow": "flow",
+        "electric_power": "power",
+        "inlet_pressure": "pressure",
+        "outlet_pressure": "pressure",
     }
 )
 """Quantities of a unit's table and what their units measure."""
@@ -82,6 +86,11 @@ _PAIRS = (
     ("flow", "torque_loss"),
 )
 """Pairs of columns that give both losses, the first whole one is taken."""
+_FLOW_COLUMNS = ("flow", "flow_loss", "volumetric_efficiency")
+_TORQUE_COLUMNS = ("torque", "torque_loss", "mechanical_efficiency")
+"""Columns of which one suffices, where the other loss is not read."""
+_PORTS = ("inlet_pressure", "outlet_pressure")
+_OPTIONAL = ("displacement_ratio", "oil_temperature", "drain_flow", "electric_power")
 _RANGES = {
     limits.name: limits
     for limits in (
@@ -99,6 +108,9 @@ _RANGES = {
             Range(name, 1e-4, 1.1, "-", "a fraction, not percent")
             for name in (*_EFFICIENCIES, "overall_efficiency")
         ),
+        Range("inlet_pressure", -1.1e5, 1e8, "Pa", "against the atmosphere"),
+        Range("outlet_pressure", -1.1e5, 1e8, "Pa", "against the atmosphere"),
+        Range("electric_power", 0.0, 1e6, "W", "is it in kW? (electric_power_kW)"),
         Range("noise", 1e-6, 0.2, "-", "a part of flow and torque"),
         OIL_TEMPERATURE,
     )
@@ -110,6 +122,8 @@ _LEAST_PRESSURE = 1e6  # Pa: no unit's tests end below
 _AGREEMENT = 0.05
 """Part by which flow and torque may differ from those of the efficiencies in the median: class A
 meters differ by 1 %, and a wrong unit or displacement by more."""
+READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
+"""Quantities that a bench may read, the one in which a gap is measured first."""
 _SAME_DISPLACEMENT = 1e-6
 """Part by which the displacements of one unit at full stroke differ between rows at most."""
 TELLING = 1e5
@@ -124,11 +138,15 @@ class UnitSamples:
         kind: `pump` or `motor`.
         displacement: of full stroke, by which the losses are reckoned [m3/rad].
         displacement_ratio, speed, pressure: [-], [rad/s], [Pa] between the ports.
-        flow_loss: what a pump does not deliver or a motor takes too much [m3/s].
-        torque_loss: what a pump takes too much or a motor does not give [N m].
+        flow_loss: what a pump does not deliver or a motor takes too much [m3/s], or None where no
+            flow is read.
+        torque_loss: what a pump takes too much or a motor does not give [N m], or None where no
+            torque is read.
         oil_temperature: [deg C], or None.
         noise: standard deviation of flow and torque, as a part, or None for `METER_DEVIATION`.
         source, sha256: of the file.
+        drain_flow: from the case to the tank [m3/s], or None.
+        electric_power: of the motor that drives a pump [W], or None.
         notes: what was concluded on reading the file.
     """
 
@@ -137,21 +155,37 @@ class UnitSamples:
     displacement_ratio: Array
     speed: Array
     pressure: Array
-    flow_loss: Array
-    torque_loss: Array
+    flow_loss: Array | None
+    torque_loss: Array | None
     oil_temperature: Array | None = None
     noise: float | None = None
     source: str = "samples"
     sha256: str = ""
+    drain_flow: Array | None = None
+    electric_power: Array | None = None
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.speed)
 
     @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the quantities read, in the order of `READ_CHANNELS`."""
+        return tuple(name for name in READ_CHANNELS if getattr(self, name) is not None)
+
+    @property
     def losses(self) -> Array:
-        """Loss of flow and of torque, shape (2, n)."""
-        return np.stack([self.flow_loss, self.torque_loss])
+        """Loss of flow and of torque, shape (2, n).
+
+        Raises:
+            InputError: one of them is not read.
+        """
+        for name, loss in (("flow", self.flow_loss), ("torque", self.torque_loss)):
+            if loss is None:
+                raise InputError(
+                    f"{self.source}: no {name} is read, nor a loss or an efficiency that gives it"
+                )
+        return np.stack([self.flow_loss, self.torque_loss])  # type: ignore[list-item]
 
     @property
     def ideal(self) -> Array:
@@ -165,12 +199,34 @@ class UnitSamples:
     @property
     def deviation(self) -> Array:
         """Standard deviation of `losses`: that of what the meters read, shape (2, n)."""
+        return np.stack([self.deviation_of(name) for name in _LOSSES])
+
+    def deviation_of(self, channel: str) -> Array:
+        """Return the standard deviation of a channel: that of what the meters read, shape (n,).
+
+        Args:
+            channel: one of `channels`.
+        """
         part = METER_DEVIATION if self.noise is None else self.noise
-        read = self.ideal + self.losses * np.array([[-1.0], [1.0]]) * sign_of(self.kind)
-        gauge = np.stack(
-            [0.0 * self.pressure, _GAUGE_DEVIATION / np.maximum(self.pressure, 1.0)]
-        )
-        return np.asarray(np.abs(read) * np.hypot(part, gauge))
+        reading = np.abs(self.meter_reading(channel))
+        if channel == "torque_loss":
+            gauge = _GAUGE_DEVIATION / np.maximum(self.pressure, 1.0)
+            return np.asarray(np.hypot(part, gauge) * reading)
+        return np.asarray(part * reading)
+
+    def meter_reading(self, channel: str) -> Array:
+        """Return what the meter of a channel reads, the loss no longer taken off, shape (n,).
+
+        Args:
+            channel: one of `channels`.
+        """
+        values = np.asarray(getattr(self, channel))
+        ideal_flow, ideal_torque = self.ideal
+        if channel == "flow_loss":
+            return np.asarray(ideal_flow - sign_of(self.kind) * values)
+        if channel == "torque_loss":
+            return np.asarray(ideal_torque + sign_of(self.kind) * values)
+        return values
 
     def select(self, index: NDArray[Any]) -> UnitSamples:
         """Return the samples at an index array or mask, in that order."""
@@ -211,6 +267,8 @@ def read_unit(
     noise: float | None = None,
 ) -> UnitSamples:
     """Read the tests of one unit from CSV, or a maker's table; its columns are in docs/units.md.
+
+    A flow or a drain flow is needed; a torque and an electric power may be missing.
 
     Args:
         path: CSV file, as `read_bench` takes it.
@@ -263,14 +321,20 @@ def read_unit(
         noise=noise,
         source=cells.source,
         sha256=cells.sha256,
+        drain_flow=values.get("drain_flow"),
+        electric_power=values.get("electric_power"),
         notes=tuple(notes),
     )
     if set(_EFFICIENCIES) <= values.keys():
         _require_in_place(samples, *(values[name] for name in _EFFICIENCIES))
-    flow_loss = _flow_loss(samples, values)
-    torque_loss = _torque_loss(samples, values, flow_loss)
+    flow_loss = torque_loss = None
+    if not values.keys().isdisjoint(_FLOW_COLUMNS):
+        flow_loss = _flow_loss(samples, values)
+    if not values.keys().isdisjoint((*_TORQUE_COLUMNS, "overall_efficiency")):
+        torque_loss = _torque_loss(samples, values, flow_loss)
     samples = replace(samples, flow_loss=flow_loss, torque_loss=torque_loss)
-    _refuse_other_routes(samples, cells, units)
+    if flow_loss is not None and torque_loss is not None:
+        _refuse_other_routes(samples, cells, units)
     return samples
 
 
@@ -493,7 +557,7 @@ def _flow_loss(samples: UnitSamples, values: Mapping[str, Array]) -> Array:
 
 
 def _torque_loss(
-    samples: UnitSamples, values: Mapping[str, Array], flow_loss: Array
+    samples: UnitSamples, values: Mapping[str, Array], flow_loss: Array | None
 ) -> Array:
     """Return the torque that is lost [N m], against the ideal one."""
     if "torque_loss" in values:
@@ -506,6 +570,9 @@ def _torque_loss(
         mechanical = values["mechanical_efficiency"]
     else:
         # ISO 4409: the overall efficiency is the product of the two others.
+        assert (
+            flow_loss is not None
+        )  # `_PAIRS` has the overall efficiency with a flow only
         flow = samples.ideal[0] - sign * flow_loss
         volumetric = (flow / samples.ideal[0]) ** sign
         mechanical = values["overall_efficiency"] / volumetric
@@ -530,15 +597,18 @@ def _of_unit(cells: Table, unit: str | None) -> Table:
 
 def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
     """Return the quantities that the losses are made of, in SI units."""
-    present = cells.columns.keys()
-    needed = ["displacement", "speed", "pressure", *_best_pair(set(present))]
+    present = set(cells.columns)
+    pressure: tuple[str, ...] = ("pressure",)
+    if "pressure" not in present and set(_PORTS) <= present:
+        pressure = _PORTS
+    needed = ["displacement", "speed", *pressure, *_readings(present)]
     missing = [name for name in needed if name not in present]
     if missing:
         raise InputError(
             f"{cells.source}: column {', '.join(missing)} is missing; there is "
-            f"{', '.join(present)} (a unit may stand behind the name: pressure_bar)"
+            f"{', '.join(cells.columns)} (a unit may stand behind the name: pressure_bar)"
         )
-    optional = [n for n in ("displacement_ratio", "oil_temperature") if n in present]
+    optional = [name for name in _OPTIONAL if name in present]
     values: dict[str, Array] = {}
     for name in (*needed, *optional):
         values[name] = _in_si(name, cells, units)
@@ -548,6 +618,8 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
             values[name] = np.where(idle, 1.0, values[name])
         limits = _RANGES.get(name) or _sized(name, values)
         cells.require_range(values[name], limits)
+        if name == "outlet_pressure":
+            values["pressure"] = np.abs(values[name] - values["inlet_pressure"])
     if np.ptp(values["displacement"]) > _SAME_DISPLACEMENT * values["displacement"][0]:
         raise InputError(
             f"{cells.source}: displacement differs between rows: one unit at a time. Where "
@@ -570,11 +642,21 @@ def _largest_displacement(cells: Table, units: Mapping[str, str]) -> str:
     return f"{rounded:.6g}:{units['displacement'] or 'm3/rad'}"
 
 
-def _best_pair(present: set[str]) -> tuple[str, str]:
-    """Return the first whole pair of columns, else the one that should be completed."""
+def _readings(present: set[str]) -> tuple[str, ...]:
+    """Return the columns of flow and torque that are read.
+
+    The first whole pair of columns gives both losses. Otherwise a flow alone suffices, or a drain
+    flow; without them the pair is returned that should be completed.
+    """
     for pair in _PAIRS:
         if set(pair) <= present:
             return pair
+    of_flow = [name for name in _FLOW_COLUMNS if name in present]
+    of_torque = [name for name in _TORQUE_COLUMNS if name in present]
+    if of_flow:
+        return (*of_flow[:1], *of_torque[:1])
+    if "drain_flow" in present:
+        return tuple(of_torque[:1])
     if set(_LOSSES) & present:
         return _LOSSES
     if set(_MEASURED) & present:
@@ -596,6 +678,7 @@ def _sized(name: str, read: Mapping[str, Array]) -> Range:
     driver, unit, other = {
         "flow": ("speed", "m3/s", "L/min"),
         "flow_loss": ("speed", "m3/s", "L/min"),
+        "drain_flow": ("speed", "m3/s", "L/min"),
         "torque": ("pressure", "N m", "lb ft"),
         "torque_loss": ("pressure", "N m", "lb ft"),
     }[name]

@@ -21,7 +21,8 @@ import os
 from functools import partial
 from pathlib import Path
 
-from ..benches.unit import PARAMETERS, UnitDiagnosis
+from ..benches.baseline import ChangeDiagnosis
+from ..benches.unit import CHANNEL_UNITS, PARAMETERS, UnitChange, UnitDiagnosis
 from ..diagnosis import Diagnosis, Isolability, settings
 from ..diagnosis.results import text as words
 from ..estimation import Estimate
@@ -56,7 +57,7 @@ picture.register(Estimate, partial(drawn, draw_operating_points))
 
 
 def write_html(
-    diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]
+    diagnosis: Diagnosis | UnitDiagnosis | UnitChange, path: str | os.PathLike[str]
 ) -> None:
     """Write the page of a diagnosis, whole or not at all.
 
@@ -68,7 +69,7 @@ def write_html(
 
 
 def write_report(
-    diagnosis: Diagnosis | UnitDiagnosis, path: str | os.PathLike[str]
+    diagnosis: Diagnosis | UnitDiagnosis | UnitChange, path: str | os.PathLike[str]
 ) -> None:
     """Write the report of a diagnosis: its page (.html), or one sheet of paper (.pdf).
 
@@ -83,23 +84,33 @@ def write_report(
     if report_format(os.fspath(path)) == ".html":
         write_html(diagnosis, path)
         return
-    if isinstance(diagnosis, UnitDiagnosis):
+    if isinstance(diagnosis, (UnitDiagnosis, UnitChange)):
         diagnosis = diagnosis.diagnosis
     write_atomically(Path(path), sheet(diagnosis))
 
 
-def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
+def html(diagnosis: Diagnosis | UnitDiagnosis | UnitChange) -> str:
     """Return the page of a diagnosis; the same diagnosis gives the same text.
 
     Raises:
         InputError: Jinja2 or matplotlib is missing.
     """
-    rmse = None
+    rmse = baseline = None
+    reference = "paper's terms"
     if isinstance(diagnosis, UnitDiagnosis):
         found, rmse, names = diagnosis.diagnosis, diagnosis.rmse, tuple(PARAMETERS)
+    elif isinstance(diagnosis, UnitChange):
+        found = diagnosis.diagnosis
+        rmse = diagnosis.rmse
+        names = tuple(found.parameters)
+        reference = "sound unit"
+        baseline = diagnosis.baseline
+    elif isinstance(diagnosis, ChangeDiagnosis):
+        found, names = diagnosis, tuple(diagnosis.parameters)
+        baseline = diagnosis.baseline
     else:
         found, names = diagnosis, tuple(diagnosis.parameters)
-    if isinstance(found.base, EfficiencyModel):
+    if isinstance(found.base, EfficiencyModel) and baseline is None:
         names = PARAMETER_NAMES
     script = (TEMPLATES / "page.js.j2").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -109,6 +120,11 @@ def html(diagnosis: Diagnosis | UnitDiagnosis) -> str:
         script_hash=digest,
         found=found,
         rmse=rmse,
+        reference=reference,
+        baseline=baseline,
+        channel_units={
+            name.removesuffix("_loss"): unit for name, unit in CHANNEL_UNITS.items()
+        },
         names=names,
         units={name: entry.unit for name, entry in found.parameters.items()},
         transmission=isinstance(found.base, EfficiencyModel),

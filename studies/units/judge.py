@@ -16,23 +16,25 @@ BAND = 0.7
 
 
 def units_in(folder: Path) -> dict[str, UnitSamples]:
-    """Read every unit of every CSV file; a name of the file tells the kind where no column does."""
-    found = {}
+    """Read every unit of every CSV file of a folder; see `units_of`."""
+    units = {}
     for path in sorted(folder.glob("*.csv")):
-        lines = [
-            line for line in path.read_text().splitlines() if not line.startswith("#")
-        ]
-        rows = list(csv.DictReader(lines))
-        for name in dict.fromkeys(row.get("unit", path.stem) for row in rows):
-            kind = (
-                None
-                if "kind" in rows[0]
-                else next(kind for kind in KINDS if path.name.startswith(kind))
-            )
-            found[f"{name} ({kind})"] = read_unit(
-                path, kind=kind, unit=name if "unit" in rows[0] else None
-            )
-    return found
+        units.update(units_of(path))
+    return units
+
+
+def units_of(path: Path) -> dict[str, UnitSamples]:
+    """Read every unit of a CSV file; its name gives the kind where no column does."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    kind = None
+    if "kind" not in rows[0]:
+        kind = next(kind for kind in KINDS if path.name.startswith(kind))
+    units = {}
+    for name in dict.fromkeys(row.get("unit", path.stem) for row in rows):
+        unit = name if "unit" in rows[0] else None
+        units[f"{name} ({kind})"] = read_unit(path, kind=kind, unit=unit)
+    return units
 
 
 def judged(samples: UnitSamples) -> dict[str, Any]:

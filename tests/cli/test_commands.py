@@ -386,3 +386,29 @@ def test_spaced_and_inverse_units_of_speed(hmcvt):
     reference = hmcvt("predict", "--engine-speed", "1400rpm", *rest).json
     for text in ("1400 1/min", "1400 rpm", "1400 r/min"):
         assert hmcvt("predict", "--engine-speed", text, *rest).json == reference
+
+
+def test_the_saved_model_carries_what_is_unexplained(hmcvt, tmp_path):
+    model = well_known()
+    params = tmp_path / "p.yaml"
+    hmcvt_library.save_model(model, params)
+    samples = hmcvt_library.read_bench(hmcvt_library.data_path("data/simulated.csv"))
+    points = samples.points
+    wave = 0.02 * np.sin(3.0 * points.displacement_ratio)
+    wave = wave * np.cos((points.engine_speed - 80.0) / 50.0)
+    efficiency = model.readings_at(points)[0] - wave
+    keep = np.isfinite(efficiency)
+    noise = 0.001 * np.random.default_rng(0).standard_normal(int(keep.sum()))
+    path = tmp_path / "bench.csv"
+    rows = np.stack([*points[:3], efficiency], axis=1)[keep]
+    rows[:, 3] += noise
+    head = "displacement_ratio,engine_speed,load_torque,efficiency"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="")
+    command = ("diagnose", path, "--params", params, "--noise", "0.001", "--json")
+    done = hmcvt(*command, "--save-model", tmp_path / "with.yaml")
+    assert done.json["verdict"] == "unexplained"
+    delivered = done.json["delivered"]
+    assert delivered["rmse_empirical"] < 0.5 * delivered["rmse_after"]
+    assert "empirical_loss" in (tmp_path / "with.yaml").read_text()
+    hmcvt(*command, "--no-empirical", "--save-model", tmp_path / "without.yaml")
+    assert "empirical_loss" not in (tmp_path / "without.yaml").read_text()

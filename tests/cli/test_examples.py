@@ -123,8 +123,15 @@ def workplace(tmp_path, monkeypatch):
     (tmp_path / "docs").mkdir()
     write_raw_bench(tmp_path / "raw.csv")
     _write_logs(tmp_path)
-    for name in ("pump", "pump_asw062", "motors_s4d_c7", "table"):
+    for name in (
+        "pump",
+        "commissioning",
+        "pump_asw062",
+        "motors_s4d_c7",
+        "table",
+    ):
         _write_unit(tmp_path / f"{name}.csv")
+    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "commissioned.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
     (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):

@@ -273,6 +273,13 @@ def test_bench_noise_reaches_the_diagnosis(start_node, paper_file, table2):
     assert success and answer["gap"]["noise"] == pytest.approx(0.03, rel=0.1)
 
 
+def test_a_baseline_file_reaches_the_diagnosis(paper_file, tmp_path):
+    sound = hmcvt.data_path("data/simulated.csv")
+    answer = jobs.diagnose(sound, paper_file, 0, tmp_path, 0.004, str(sound))
+    assert answer["baseline"]["control"]["verdict"] == "no_gap"
+    assert answer["verdict"] == "no_gap" and answer["report"]
+
+
 # --- the worker, and the end of the node ----------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ from .channels import (
     STAGE,
 )
 from .readings import observe
+from .remainder import EmpiricalRemainder, with_empirical_remainder
 from .system import Transmission
 
 __all__ = [
@@ -22,10 +23,12 @@ __all__ = [
     "OUTPUT_SPEED_CHANNEL",
     "PRESSURE_CHANNEL",
     "STAGE",
+    "EmpiricalRemainder",
     "Transmission",
     "diagnose",
     "next_test",
     "observe",
     "read_plan",
     "separable",
+    "with_empirical_remainder",
 ]

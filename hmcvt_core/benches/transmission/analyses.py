@@ -14,9 +14,10 @@ from ...diagnosis.system import Points
 from ...errors import InputError
 from ...files.bench import BenchSamples, read_columns
 from ...model.agreement import gear_train_remarks, pressure_remark, stage_of_each
-from ...model.checks import require_model_and_samples
+from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
 from .base import scaled_base
+from .change import diagnose_change
 from .channels import AXES, CHANNELS
 from .meters import with_meter_errors
 from .readings import distinct_observations, held_out_observations, observe
@@ -32,6 +33,7 @@ def diagnose(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
     validation: BenchSamples | None = None,
+    baseline: BenchSamples | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a model and a bench.
 
@@ -48,13 +50,16 @@ def diagnose(
         seed: of every random number.
         progress: called with a line of text before each step; may raise to cancel.
         validation: former name of `holdout`.
+        baseline: the same transmission when it was sound, or a sister; it is fitted first and
+            held, and only what has changed since is diagnosed. At least sixteen samples.
 
     Returns:
         The diagnosis; `report()` prints it, `to_dict()` is the object of `hmcvt diagnose --json`.
 
     Raises:
         InputError: samples cannot carry a diagnosis, the holdout lacks a column or holds
-            nothing new, or the formulation is another.
+            nothing new, the formulation is another, or the baseline is of another machine or too
+            small.
     """
     if holdout is not None and validation is not None:
         raise InputError("holdout and validation are one argument: give holdout")
@@ -63,6 +68,18 @@ def diagnose(
     require_model_and_samples(model, samples, holdout)
     stages = list(model.stages)
     warnings = _warnings(model, samples)
+    if baseline is not None:
+        require_samples(baseline, "baseline")
+        return diagnose_change(
+            model,
+            samples,
+            baseline,
+            holdout,
+            noise=noise,
+            warnings=warnings,
+            seed=seed,
+            progress=progress,
+        )
     observed, notes = distinct_observations(samples, noise, stages)
     held_out = None
     if holdout is not None:

@@ -1,8 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """One pump or motor on a bench: its loss model, its diagnosis, and its transfer into a model."""
 
+from .change import UnitChange, diagnose_change
 from .diagnosis import DEALS, UnitDiagnosis, diagnose_unit
 from .system import (
+    CHANNEL_UNITS,
     FRICTION,
     PARAMETERS,
     PRESSURE,
@@ -15,6 +17,7 @@ from .system import (
 from .transfer import put_into
 
 __all__ = [
+    "CHANNEL_UNITS",
     "DEALS",
     "FRICTION",
     "PARAMETERS",
@@ -22,8 +25,10 @@ __all__ = [
     "SPEED",
     "STROKE",
     "HydrostaticUnit",
+    "UnitChange",
     "UnitDiagnosis",
     "UnitModel",
+    "diagnose_change",
     "diagnose_unit",
     "observe_unit",
     "put_into",

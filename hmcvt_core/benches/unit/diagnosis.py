@@ -16,6 +16,9 @@ from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
 from ...files.units import TELLING, UnitSamples
+from .change import UnitChange, diagnose_change
+from .refusal import leading_effects, refuse_contradicted
+from .served import ServedUnit, paper_terms, served_unit
 from .system import (
     FRICTION,
     LARGEST_GAIN,
@@ -47,6 +50,8 @@ class UnitDiagnosis:
         diagnosis: as of any system; the gap is that of the flow loss.
         paper: the terms of the paper alone, refitted, the meters taken as exact.
         model: with the leading set of effects, whether the verdict names it or not.
+        served: the model that is handed over; None where there is no gap.
+        leading: names of the effects of `model`.
         holdout: held-out samples, or None.
         same: in how many of the deals the same set leads; None where no cause is named.
         seed: of every random number.
@@ -58,6 +63,8 @@ class UnitDiagnosis:
     holdout: UnitSamples | None
     same: int | None
     seed: int = 0
+    served: ServedUnit | None = None
+    leading: tuple[str, ...] = ()
 
     @property
     def found(self) -> Diagnosis:
@@ -66,8 +73,11 @@ class UnitDiagnosis:
 
     @property
     def rmse(self) -> dict[str, dict[str, float | None]]:
-        """Errors of both models by channel, m3/s and N m; None without a holdout."""
-        models = {"base": self.paper, "with_effects": self.model}
+        """Errors by channel, m3/s and N m; None without a holdout.
+
+        `base` is the terms of the paper, `with_effects` the model that is handed over.
+        """
+        models = {"base": self.paper, "with_effects": self.served or self.model}
         errors: dict[str, dict[str, float | None]] = {"flow": {}, "torque": {}}
         for prefix, samples in (
             ("", self.diagnosis.samples),
@@ -102,11 +112,8 @@ class UnitDiagnosis:
     @property
     def _variances(self) -> Any:
         """Variances of the scaled base parameters with the leading set, else of the prior."""
-        names: tuple[str, ...] = ()
-        if self.diagnosis.causes:
-            names = self.diagnosis.sets[0].effects
         for explanation, _ in self.diagnosis.posterior.entries:
-            if explanation.names == names:
+            if explanation.names == self.leading:
                 return np.diag(explanation.plain_model.covariance)
         return self.model.system.base.spread**2
 
@@ -134,6 +141,7 @@ class UnitDiagnosis:
             **data,
             "rmse": self.rmse,
             "same_set_in_deals": self.same,
+            "served": [] if self.served is None else self.served.to_dict(),
             "parameters": parameters,
         }
 
@@ -142,8 +150,10 @@ class UnitDiagnosis:
         lines = [self.diagnosis.report()]
         if self.same is not None:
             lines.append(f"deals      the same set leads in {self.same} of {DEALS}")
-        channels = self.model.system.channels
-        for (name, row), channel in zip(self.rmse.items(), channels, strict=True):
+        rmse = self.rmse
+        for channel in self.model.system.channels:
+            name = channel.name.removesuffix("_loss")
+            row = rmse[name]
             lines.append(f"{name:10} {_errors_in_words(row, channel)}")
         errors = self.standard_errors
         for name, value in self.model.parameters.items():
@@ -172,7 +182,7 @@ def _errors_in_words(row: dict[str, float | None], channel: Channel) -> str:
         if value is not None
     }
     text = (
-        f"rms left by the paper's terms -> with effects, {channel.unit}: "
+        f"rms left by the paper's terms -> handed over, {channel.unit}: "
         f"fitted {errors['base']} -> {errors['with_effects']}"
     )
     if "holdout_base" in errors:
@@ -190,8 +200,9 @@ def diagnose_unit(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
     validation: UnitSamples | None = None,
-) -> UnitDiagnosis:
-    """Diagnose the gap between the loss terms of the paper and a unit.
+    baseline: UnitSamples | None = None,
+) -> UnitDiagnosis | UnitChange:
+    """Diagnose the gap between the loss terms of the paper and a unit, or a change of it.
 
     A set of causes is named only where it leads in three quarters of the deals too. While the
     displacement stated is in doubt, no other cause is named.
@@ -203,22 +214,29 @@ def diagnose_unit(
         seed: of every random number.
         progress: as of `diagnose_system`.
         validation: former name of `holdout`.
+        baseline: the same unit when it was sound, which is held: then only what has changed since
+            is diagnosed, and the result is a `UnitChange`.
 
     Raises:
-        InputError: as `diagnose_system`, or the holdout is of another unit.
+        InputError: as `diagnose_system` and `diagnose_change`, or the holdout is of another unit.
     """
     if holdout is not None and validation is not None:
         raise InputError("holdout and validation are one argument: give holdout")
     if holdout is None:
         holdout = validation
+    if baseline is not None:
+        return diagnose_change(samples, baseline, holdout, seed=seed, progress=progress)
+    doubt = _displacement_doubt(samples)
     if holdout is not None:
         _check_holdout(holdout, samples)
-    doubt = _displacement_doubt(samples)
-    if doubt is None and holdout is not None:
-        doubt = _displacement_doubt(holdout)
-    samples, notes = _with_torque(samples)
-    if holdout is not None:
+        doubt = doubt or _displacement_doubt(holdout)
         holdout, _ = _with_torque(holdout)
+    samples, notes = _with_torque(samples)
+    if samples.flow_loss is None:
+        raise InputError(
+            f"{samples.source}: no flow is read; a drain flow alone is compared with a "
+            "baseline only"
+        )
     system = HydrostaticUnit(samples)
     observed = observe_unit(system, samples)
     diagnosis = diagnose_system(
@@ -231,24 +249,51 @@ def diagnose_unit(
     )
     model: UnitModel = diagnosis.base
     same = None
+    leading: tuple[str, ...] = ()
     if diagnosis.causes:
         model = diagnosis.causes[0].model
         leading = diagnosis.sets[0].effects
         if diagnosis.verdict in NAMING and deals:
             twins = diagnosis.twins_of(leading)
             same = _deals_led_by(twins, system, observed, seed, progress)
-        verdict = _verdict(diagnosis, same, doubt)
+        diagnosis = replace(diagnosis, verdict=_verdict(diagnosis, same, doubt))
         if doubt is None and REFERENCE_DISPLACEMENT in leading:
             doubt = _displacement_error(model)
-        diagnosis = replace(diagnosis, verdict=verdict)
+    diagnosis, served = _handed_over(diagnosis, system, samples, progress)
     return UnitDiagnosis(
         _with_doubt(diagnosis, doubt),
-        _paper_terms(system, samples),
+        paper_terms(system, samples),
         model,
         holdout,
         same,
         seed,
+        served,
+        leading,
     )
+
+
+def _handed_over(
+    diagnosis: Diagnosis,
+    system: HydrostaticUnit,
+    samples: UnitSamples,
+    progress: Callable[[str], None] | None,
+) -> tuple[Diagnosis, ServedUnit | None]:
+    """Return a diagnosis without contradicted sets, and the model that is handed over.
+
+    Args:
+        diagnosis: of the unit.
+        system: the unit.
+        samples: to which models are fitted.
+        progress: as of `diagnose_system`.
+    """
+    if diagnosis.verdict == "no_gap":
+        return diagnosis, None
+    if progress is not None:
+        progress("the model that is handed over")
+    served = served_unit(system, samples, leading_effects(diagnosis))
+    diagnosis = refuse_contradicted(diagnosis)
+    notes = (*diagnosis.notes, *served.notes())
+    return replace(diagnosis, notes=notes), served
 
 
 def _check_holdout(holdout: UnitSamples, samples: UnitSamples) -> None:
@@ -266,6 +311,8 @@ def _check_holdout(holdout: UnitSamples, samples: UnitSamples) -> None:
 
 def _with_torque(samples: UnitSamples) -> tuple[UnitSamples, list[str]]:
     """Leave out samples at pressures too low for a mechanical efficiency to give a torque."""
+    if samples.torque_loss is None:
+        return samples, []
     enough = samples.pressure >= TELLING
     low = int(np.sum(~enough))
     notes = []
@@ -306,31 +353,6 @@ def _with_doubt(diagnosis: Diagnosis, doubt: str | None) -> Diagnosis:
     return replace(diagnosis, notes=(doubt, *notes), warnings=(doubt,))
 
 
-def _paper_terms(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
-    """Fit leakage and damping by weighted least squares."""
-    weight = samples.deviation**-2.0
-    flow_loss, torque_loss = samples.losses
-    _, ideal_torque = samples.ideal
-    leakage = _slope(samples.pressure, flow_loss, weight[0])
-    damping = _slope(samples.speed, torque_loss - FRICTION * ideal_torque, weight[1])
-    base = np.array(
-        [
-            np.log10(leakage / system.size + 1e-16),
-            damping / system.size,
-            0.0,
-            0.0,
-            0.0,
-        ]
-    )
-    return UnitModel(system, base, ())
-
-
-def _slope(driver: Any, loss: Any, weight: Any) -> float:
-    """Weighted least-squares slope of a line through the origin, not negative."""
-    slope = np.sum(weight * driver * loss) / np.sum(weight * driver**2)
-    return max(float(slope), 0.0)
-
-
 def _deals_led_by(
     sets: Collection[tuple[str, ...]],
     system: HydrostaticUnit,
@@ -361,9 +383,13 @@ def _displacement_doubt(samples: UnitSamples) -> str | None:
 
     A displacement stated too large makes it so; errors of a class A torque meter are allowed for.
     """
+    if samples.torque_loss is None:
+        return None
     high = samples.select(samples.pressure > HIGH_PRESSURE * samples.pressure.max())
     _, ideal_torque = high.ideal
-    lost = np.sort(high.torque_loss / ideal_torque)[:FEWEST_AT_HIGH_PRESSURE]
+    lost = np.sort(np.asarray(high.torque_loss) / ideal_torque)[
+        :FEWEST_AT_HIGH_PRESSURE
+    ]
     if lost.mean() >= FRICTION - LARGEST_GAIN * METER_GAIN:
         return None
     return (

@@ -49,6 +49,16 @@ PARAMETERS = {"leakage": "m3/(s Pa)", "damping": "N m s/rad"}
 BASE_NAMES = (*PARAMETERS, "friction", "flow_gain", "torque_gain")
 """Base parameters of a unit; the two gains are errors of the meters."""
 
+LOSSES = ("flow_loss", "torque_loss")
+"""Channels of the loss terms of the paper."""
+CHANNEL_UNITS = {
+    "flow_loss": ("L/min", 6e4),
+    "torque_loss": ("N m", 1.0),
+    "drain_flow": ("L/min", 6e4),
+    "electric_power": ("W", 1.0),
+}
+"""Unit of each channel in reports, and the factor to it from the SI unit."""
+
 FRICTION = 0.01
 """c_fp = c_fm of the paper: friction torque / ideal torque [-]."""
 FRICTION_DECADES = 0.5
@@ -63,6 +73,11 @@ LARGEST_GAIN = 3.0
 PAPER_DISPLACEMENT = 55e-6 / (2.0 * np.pi)
 """Displacement of each unit of the paper's pair, for which the priors hold [m3/rad]."""
 
+PHYSICAL_LIMITS = {"compliance": 3.0}
+"""Largest physical values of parameters of effects on the bench of a unit.
+
+1 / bulk modulus of oil with air: about 3 1/GPa (Merritt 1967, Hydraulic Control Systems, 2.2).
+"""
 FIELD_SPREADS = (2.5, 8.0, 25.0)
 """Prior standard deviations of a smooth unlisted loss, in deviations of a class A meter.
 
@@ -105,7 +120,9 @@ class HydrostaticUnit:
         self.kind = samples.kind
         self.displacement = float(samples.displacement)
         self.size = self.displacement / PAPER_DISPLACEMENT
-        self.channels = _channels(samples)
+        self.channels = tuple(
+            channel for channel in unit_channels(samples) if channel.name in LOSSES
+        )
         self.base = _base_parameters(self.kind, self.size)
         stroke_varies = np.ptp(samples.displacement_ratio) > STROKE.tolerance
         self.library: tuple[Any, ...] = _library(
@@ -125,7 +142,19 @@ class HydrostaticUnit:
             points: operating points, n values along each axis.
 
         Returns:
-            Loss of flow [m3/s] and of torque [N m], shape (2, n).
+            Loss of flow [m3/s] and of torque [N m], those that are read, shape (channels, n).
+        """
+        flow_loss, torque_loss = self.losses(base, effects, points)
+        rows = {"flow_loss": flow_loss, "torque_loss": torque_loss}
+        return np.stack([rows[channel.name] for channel in self.channels])
+
+    def losses(self, base: Array, effects: Sequence[Any], points: Points) -> Array:
+        """Return loss of flow [m3/s] and of torque [N m], read or not, shape (2, n).
+
+        Args:
+            base: scaled base parameters, shape (5,).
+            effects: at their sizes.
+            points: operating points, n values along each axis.
         """
         values = self.base_values(base)
         stroke = points[STROKE.name]
@@ -166,30 +195,11 @@ class HydrostaticUnit:
     def _state(
         self, effects: Sequence[Any], points: Points, viscosity: Array
     ) -> ShaftState:
-        """State of the shafts at the stroke that effects leave; the other unit stands still."""
-        speed = points[SPEED.name]
-        still = np.zeros_like(speed)
-        pump_speed = motor_speed = still
-        if self.kind == "pump":
-            pump_speed = speed
-        else:
-            motor_speed = speed
+        """State of the shafts at the stroke that effects leave."""
         stroke = points[STROKE.name]
         for effect in effects:
             stroke = effect.true_displacement_ratio(stroke)
-        state = ShaftState(
-            engine_speed=speed,
-            pump_speed=pump_speed,
-            output_speed=speed,
-            motor_speed=motor_speed,
-            displacement_ratio=stroke,
-            pressure=points[PRESSURE.name],
-            viscosity_ratio=viscosity,
-            sun_speed=still,
-            sun_torque=still,
-            load_power=still,
-            displacement=self.displacement,
-        )
+        state = shaft_state(self, {**points, STROKE.name: stroke}, viscosity)
         lag = sum((effect.stroke_lag(state) for effect in effects), 0.0)
         return state._replace(displacement_ratio=stroke - lag)
 
@@ -272,12 +282,52 @@ class UnitModel:
 
     def losses(self, samples: UnitSamples) -> Array:
         """Return loss of flow [m3/s] and torque [N m] at the points of samples, shape (2, n)."""
-        return self.system.predict(self.base, self.effects, points_of(samples))
+        return self.system.losses(self.base, self.effects, points_of(samples))
 
-    def rmse(self, samples: UnitSamples) -> list[float]:
-        """Return the root mean square error of both losses [m3/s], [N m]."""
-        errors = samples.losses - self.losses(samples)
-        return np.sqrt(np.mean(errors**2, axis=1)).tolist()
+    def predict(self, samples: UnitSamples) -> dict[str, Array]:
+        """Return both losses at the points of samples, by channel, shape (n,) each."""
+        return dict(zip(LOSSES, self.losses(samples), strict=True))
+
+    def rmse(self, samples: UnitSamples) -> list[float | None]:
+        """Return the root mean square error of both losses [m3/s], [N m]; None where not read."""
+        errors: list[float | None] = []
+        for name, predicted in zip(LOSSES, self.losses(samples), strict=True):
+            measured = getattr(samples, name)
+            if measured is None:
+                errors.append(None)
+            else:
+                errors.append(float(np.sqrt(np.mean((measured - predicted) ** 2))))
+        return errors
+
+
+def shaft_state(unit: HydrostaticUnit, points: Points, viscosity: Array) -> ShaftState:
+    """Return the state of the shafts of a unit; the other unit stands still.
+
+    Args:
+        unit: gives kind and displacement.
+        points: operating points, shape (n,) along each axis.
+        viscosity: viscosity / viscosity at identification, shape (n,).
+    """
+    speed = points[SPEED.name]
+    still = np.zeros_like(speed)
+    pump_speed = motor_speed = still
+    if unit.kind == "pump":
+        pump_speed = speed
+    else:
+        motor_speed = speed
+    return ShaftState(
+        engine_speed=speed,
+        pump_speed=pump_speed,
+        output_speed=speed,
+        motor_speed=motor_speed,
+        displacement_ratio=points[STROKE.name],
+        pressure=points[PRESSURE.name],
+        viscosity_ratio=viscosity,
+        sun_speed=still,
+        sun_torque=still,
+        load_power=still,
+        displacement=unit.displacement,
+    )
 
 
 def points_of(samples: UnitSamples) -> Points:
@@ -302,8 +352,12 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
         axes=tuple(axes),
         points=points,
         channels=system.channels,
-        measured=samples.losses,
-        deviation=samples.deviation,
+        measured=np.stack(
+            [getattr(samples, channel.name) for channel in system.channels]
+        ),
+        deviation=np.stack(
+            [samples.deviation_of(channel.name) for channel in system.channels]
+        ),
         prior_dof=np.full(len(system.channels), prior_dof),
         samples=samples,
         number=np.arange(len(samples)),
@@ -312,31 +366,37 @@ def observe_unit(system: HydrostaticUnit, samples: UnitSamples) -> Observations:
     )
 
 
-def _channels(samples: UnitSamples) -> tuple[Channel, ...]:
-    """Loss channels; errors within the class of a meter are smooth and do not scatter."""
-    flow_error, torque_error = METER_DEVIATION * samples.ideal.max(axis=1)
-    flow_noise, torque_noise = np.median(samples.deviation, axis=1)
-
-    def channel(
-        name: str, unit: str, factor: float, meter: float, noise: float
-    ) -> Channel:
-        return Channel(
-            name=name,
-            unit=unit,
-            factor=factor,
-            digits=2,
-            uncertainty=0.0,
-            relative=False,
-            field_spreads=tuple(spread * meter for spread in FIELD_SPREADS),
-            step_spreads=tuple(spread * meter for spread in STEP_SPREADS),
-            misfit_spread=meter,
-            least=noise,
+def unit_channels(samples: UnitSamples) -> tuple[Channel, ...]:
+    """Return the channels that are read; errors within the class of a meter do not scatter."""
+    channels = []
+    for name in samples.channels:
+        unit, factor = CHANNEL_UNITS[name]
+        meter = METER_DEVIATION * float(_full_scale(samples, name))
+        channels.append(
+            Channel(
+                name=name,
+                unit=unit,
+                factor=factor,
+                digits=2,
+                uncertainty=0.0,
+                relative=False,
+                field_spreads=tuple(spread * meter for spread in FIELD_SPREADS),
+                step_spreads=tuple(spread * meter for spread in STEP_SPREADS),
+                misfit_spread=meter,
+                least=float(np.median(samples.deviation_of(name))),
+            )
         )
+    return tuple(channels)
 
-    return (
-        channel("flow_loss", "L/min", 6e4, float(flow_error), float(flow_noise)),
-        channel("torque_loss", "N m", 1.0, float(torque_error), float(torque_noise)),
-    )
+
+def _full_scale(samples: UnitSamples, channel: str) -> float:
+    """Return the largest ideal value of what the meter of a channel reads."""
+    ideal_flow, ideal_torque = samples.ideal.max(axis=1)
+    if channel == "flow_loss":
+        return float(ideal_flow)
+    if channel == "torque_loss":
+        return float(ideal_torque)
+    return float(np.abs(samples.meter_reading(channel)).max())
 
 
 def _base_parameters(kind: str, size: float) -> BaseParameters:
@@ -383,7 +443,7 @@ def _library(kind: str, size: float, stroke_varies: bool) -> tuple[Effect, ...]:
     if not stroke_varies:
         excluded |= {"displacement_error", "at full stroke", CoulombStribeckFull.form}
     return tuple(
-        effect.in_unit(kind, size)
+        effect.in_unit(kind, size, PHYSICAL_LIMITS)
         for effect in library(units=True)
         if effect.name not in excluded and effect.form not in excluded
     )

@@ -44,11 +44,15 @@ _WAYS = (
 )
 
 
-def library(units: bool = False) -> tuple[type[Effect], ...]:
-    """Return every effect class known, sorted by name and form; with `units` those of units too.
+def library(units: bool = False, changes: bool = False) -> tuple[type[Effect], ...]:
+    """Return every effect class known, sorted by name and form.
 
     Classes without a size, and subclasses that define neither a name nor a form, are left out. A
     class that is defined again, as when a notebook cell is run twice, replaces the earlier one.
+
+    Args:
+        units: whether those that only the bench of a single unit shows are included.
+        changes: whether those that only a comparison with a sound machine shows are included.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
@@ -59,6 +63,7 @@ def library(units: bool = False) -> tuple[type[Effect], ...]:
         if effect.name
         and effect.sizes()
         and (units or not effect.unit_only)
+        and (changes or not effect.change_only)
         and not {"name", "form"}.isdisjoint(vars(effect))
     ]
     latest = {(effect.__module__, effect.__qualname__): effect for effect in found}
@@ -182,7 +187,7 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
 
 
 def _known(name: str, form: str, where: str) -> type[Effect]:
-    every = library(units=True)
+    every = library(units=True, changes=True)
     found = [effect for effect in every if (effect.name, effect.form) == (name, form)]
     if not found:
         raise InputError(

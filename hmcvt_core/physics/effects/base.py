@@ -24,6 +24,7 @@ OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
 _OF_ANY_SIZE = (
     "-",
     "1/GPa",
+    "K",
 )  # units of sizes that are the same in small pumps and in large ones
 
 
@@ -178,6 +179,7 @@ class Effect:
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
+        change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
             known; it is then no candidate.
 
@@ -192,6 +194,7 @@ class Effect:
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
     unit_only: ClassVar[bool] = False
+    change_only: ClassVar[bool] = False
     needs_oil_temperature: ClassVar[bool] = False
 
     part: str = field(default="", kw_only=True)
@@ -240,17 +243,29 @@ class Effect:
         return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     @classmethod
-    def in_unit(cls, kind: str, factor: float) -> Effect:
+    def in_unit(
+        cls, kind: str, factor: float, largest: Mapping[str, float] | None = None
+    ) -> Effect:
         """Return the effect as one of a single `pump` or `motor`.
 
-        Its sizes are those of the paper's unit times a factor, the displacement against that.
+        Args:
+            kind: `pump` or `motor`.
+            factor: its displacement / that of the paper's unit; sizes grow with it.
+            largest: physical limits of its parameters by name, where they are narrower than those
+                of a transmission.
         """
-        own = tuple(item.times(factor) for item in cls.parameters())
+        limits = largest or {}
+        own = []
+        for item in cls.parameters():
+            scaled = item.times(factor)
+            highest = min(scaled.high, limits.get(item.name, scaled.high))
+            own.append(replace(scaled, high=highest))
+        of_unit = tuple(own)
         component = kind if cls.component in ("pump", "motor") else cls.component
         changed: type[Effect] = type(
             cls.__name__,
             (cls,),
-            {"component": component, "parameters": staticmethod(lambda: own)},
+            {"component": component, "parameters": staticmethod(lambda: of_unit)},
         )
         return changed()
 

@@ -1,0 +1,162 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Sound samples that are left out of the fit, and must come out as no change."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...diagnosis.detection.regions import candidate_regions
+from ...diagnosis.detection.significance import significance
+from ...diagnosis.observations import Observations
+from ...diagnosis.preparation import prepare
+from ...diagnosis.settings import GAP_SIGNIFICANCE
+from ...diagnosis.system import Array
+from ...errors import InputError
+from ...physics.remainder import LeftOut
+from .change import CLASS_TO_DRIFT, Change, SoundMachine, with_sound_uncertainty
+
+CONTROL_PART = 0.25
+"""Part of the sound samples that is left out as a control.
+
+A fifth to a third is the usual range of a holdout.
+"""
+LEAST_CONTROL = 6
+"""Least samples of a control: as many as a diagnosis needs with one parameter more than tests."""
+LEAST_FITTED = 10
+"""Least sound samples that are fitted: two for each physical term of a channel."""
+LEAST_SOUND = LEAST_CONTROL + LEAST_FITTED
+"""Least samples of a baseline."""
+
+DRAWS = 2000
+"""Draws of the baseline; they resolve probabilities of a thousandth."""
+
+Index = NDArray[np.intp]
+
+
+class Control(NamedTuple):
+    """Outcome of the control.
+
+    Attributes:
+        samples: number of sound samples left out of the fit.
+        verdict: `no_gap`, or `unexplained` where they differ from those that were fitted.
+        p_value: probability that no change shows as much.
+    """
+
+    samples: int
+    verdict: str
+    p_value: float
+
+    @property
+    def alarms(self) -> bool:
+        """Whether the control differs from the other sound samples."""
+        return self.verdict != "no_gap"
+
+
+def control_and_rest(samples: Any, seed: int) -> tuple[Index, Index]:
+    """Divide the sound samples at random into a control and those that are fitted.
+
+    Args:
+        samples: of the baseline, with a length and a `source`.
+        seed: of the division.
+
+    Returns:
+        Their indices, in order.
+
+    Raises:
+        InputError: there are too few.
+    """
+    n = len(samples)
+    if n < LEAST_SOUND:
+        raise InputError(
+            f"{samples.source}: {n} samples are too few for a baseline; at least "
+            f"{LEAST_SOUND} are needed, {LEAST_FITTED} to fit and {LEAST_CONTROL} as a control"
+        )
+    count = max(LEAST_CONTROL, round(CONTROL_PART * n))
+    order = np.random.default_rng(seed).permutation(n)
+    return np.sort(order[:count]), np.sort(order[count:])
+
+
+def judge_control(machine: SoundMachine, observed: Observations, seed: int) -> Control:
+    """Test whether sound samples that were left out show a change.
+
+    Args:
+        machine: fitted to the other sound samples.
+        observed: those left out, with the noise that the machine states.
+        seed: of every random number.
+    """
+    system = Change(machine, meters=CLASS_TO_DRIFT)
+    base, _ = prepare(system, with_sound_uncertainty(observed, machine))
+    boxes = candidate_regions(base.observed.coordinates)
+    p_value = float(significance(base, boxes, seed).p_value)
+    verdict = "no_gap"
+    if p_value <= GAP_SIGNIFICANCE and exceeds_baseline(machine, observed, seed):
+        verdict = "unexplained"
+    return Control(len(observed), verdict, p_value)
+
+
+def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -> bool:
+    """Return whether readings differ by more than left-out readings of the baseline do.
+
+    A few readings that stand apart make a difference significant, and any bench has some. The mean
+    of log(1 + z^2) over the standardised differences z, which single readings hardly move, is
+    compared with that of draws. A draw consists of runs of left-out residuals of the baseline
+    (block bootstrap; Kuensch 1989, Ann. Stat. 17, 1217) and of one error of the sound prediction,
+    which all readings share.
+
+    Args:
+        machine: held.
+        observed: readings of the changed machine, with the noise that the machine states.
+        seed: of the draws.
+    """
+    sound, covariance = machine.sound_at(observed.points)
+    covariance = covariance + _shared_covariance(observed)
+    drift = machine.drift_at(observed.points, observed.deviation)
+    of_readings = np.diagonal(drift, axis1=1, axis2=2) + observed.deviation**2
+    total = np.diagonal(covariance, axis1=1, axis2=2) + of_readings
+    sizes = np.mean(np.log1p((observed.measured - sound) ** 2 / total), axis=1)
+    rng = np.random.default_rng(seed)
+    left_out = machine.left_out_residuals()
+    for i, size in enumerate(sizes):
+        errors = _errors_of_prediction(covariance[i], rng)
+        scatter = _runs(left_out[i], len(observed), rng) * np.sqrt(of_readings[i])
+        draws = (errors + scatter) ** 2 / total[i]
+        if np.mean(np.mean(np.log1p(draws), axis=1) >= size) <= GAP_SIGNIFICANCE:
+            return True
+    return False
+
+
+def _shared_covariance(observed: Observations) -> Array:
+    """Return the covariance of errors that the readings share, shape (channels, n, n)."""
+    shared = observed.shared_columns * observed.deviation[..., None]
+    return np.asarray(shared @ shared.transpose(0, 2, 1))
+
+
+def _errors_of_prediction(covariance: Array, rng: np.random.Generator) -> Array:
+    """Return draws of a normal distribution around zero, shape (draws, n).
+
+    Args:
+        covariance: of the sound prediction and of shared errors, shape (n, n).
+        rng: of the draws.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(rng.standard_normal((DRAWS, len(values))) @ scaled.T)
+
+
+def _runs(left_out: LeftOut, count: int, rng: np.random.Generator) -> Array:
+    """Return so many residuals, drawn in runs, shape (draws, count).
+
+    Args:
+        left_out: residuals of the baseline.
+        count: number of residuals in a draw.
+        rng: of the draws.
+    """
+    residuals = left_out.residuals
+    run = min(left_out.run, len(residuals))
+    runs = -(-count // run)
+    starts = rng.integers(0, len(residuals) - run + 1, (DRAWS, runs))
+    rows = (starts[..., None] + np.arange(run)).reshape(DRAWS, -1)[:, :count]
+    return np.asarray(residuals[rows])

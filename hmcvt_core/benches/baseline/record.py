@@ -1,0 +1,283 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What a diagnosis of a change says of its baseline, and of effects that are the same curve."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...diagnosis import Diagnosis
+from ...diagnosis.fitting.refit import refit
+from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
+from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
+from ...diagnosis.wording import plain
+from .control import Control
+
+REPORT_WIDTH = 100
+"""Width of a report for a person, in columns."""
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The sound machine of a diagnosis.
+
+    Attributes:
+        source: name of its file.
+        samples: number of its samples, the control among them.
+        control: sound samples that were left out of the fit.
+        same_curves: effects that are the same curve on these tests, by the name of the effect that
+            stands for them, itself first.
+        untestable: effects that need an axis along which the tests do not vary.
+        exceeds: whether the samples differ by more than left-out samples of the baseline do.
+        notes: on the comparison.
+    """
+
+    source: str
+    samples: int
+    control: Control
+    same_curves: Mapping[str, tuple[Any, ...]]
+    untestable: tuple[Any, ...] = ()
+    exceeds: bool = True
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `baseline` of the JSON object."""
+        return {
+            "source": self.source,
+            "samples": self.samples,
+            "control": self.control._asdict(),
+        }
+
+    def sentence(self) -> str:
+        """Return the baseline and its control in a sentence."""
+        outcome = "show no change"
+        if self.control.alarms:
+            outcome = "differ from the rest"
+        return (
+            f"Compared with {self.samples} sound samples of {self.source}; "
+            f"{self.control.samples} of them, left out as a control, {outcome} "
+            f"(p = {self.control.p_value:.2g})."
+        )
+
+    def line(self) -> str:
+        """Return the sentence as a line of a report."""
+        return textwrap.fill(
+            self.sentence(),
+            width=REPORT_WIDTH,
+            initial_indent=f"{'baseline':11}",
+            subsequent_indent=11 * " ",
+        )
+
+    def applied_to(self, diagnosis: Diagnosis) -> Diagnosis:
+        """Return a diagnosis that names no mechanism that the tests cannot show.
+
+        The probability of an effect is shared among those that are the same curve, and a baseline
+        whose control differs names no cause.
+
+        Args:
+            diagnosis: of the change, with one effect of each curve.
+        """
+        if diagnosis.verdict == "unexplained" and not self.exceeds:
+            diagnosis = _without_gap(diagnosis)
+        causes = self._expanded_causes(diagnosis)
+        sets = self._expanded_sets(diagnosis.sets)
+        verdict = diagnosis.verdict
+        if verdict == "cause_found" and sets[0].probability < CAUSE_FOUND_PROBABILITY:
+            verdict = "ambiguous"
+        warnings = diagnosis.warnings
+        notes = [*self.notes]
+        if self.control.alarms:
+            warnings = (self._control_warning(), *warnings)
+            notes.insert(0, self._control_warning())
+            if verdict in NAMING:
+                verdict = "unexplained"
+        if diagnosis.gap.significant:
+            notes += self._curve_notes(diagnosis)
+        return replace(
+            diagnosis,
+            causes=causes,
+            sets=sets,
+            verdict=verdict,
+            warnings=warnings,
+            notes=(*notes, *diagnosis.notes),
+        )
+
+    def component(self, diagnosis: Diagnosis) -> str | None:
+        """Return the part that holds most of the probability of a named cause, or None.
+
+        Args:
+            diagnosis: as of `applied_to`.
+        """
+        if diagnosis.verdict not in NAMING:
+            return None
+        totals: dict[str, float] = {}
+        of_effects = {cause.effect: cause.component for cause in diagnosis.causes}
+        for item in diagnosis.sets:
+            parts = {of_effects.get(name, "") for name in item.effects}
+            for part in parts - {""}:
+                totals[part] = totals.get(part, 0.0) + item.probability
+        listed = sum(item.probability for item in diagnosis.sets)
+        if not totals:
+            return None
+        best = max(totals, key=totals.__getitem__)
+        if totals[best] < CAUSE_FOUND_PROBABILITY * listed:
+            return None
+        return best
+
+    def _control_warning(self) -> str:
+        return (
+            f"the control differs from the other samples of {self.source} (p = "
+            f"{self.control.p_value:.2g}): the baseline is not one sound state, so no cause is "
+            "named; diagnose it by itself first"
+        )
+
+    # --- effects that are the same curve ----------------------------------------------------
+
+    def shares(self, name: str) -> dict[str, float]:
+        """Return the share of each effect in the probability of the one that stands for it.
+
+        Every component has the same share, and so have the effects of one component.
+        """
+        members = self.same_curves.get(name, ())
+        if not members:
+            return {name: 1.0}
+        components: dict[str, list[str]] = {}
+        for effect in members:
+            components.setdefault(effect.component, []).append(effect.name)
+        shares = {}
+        for effect in members:
+            of_component = components[effect.component]
+            shares[effect.name] = 1.0 / (len(components) * len(of_component))
+        return shares
+
+    def _expanded_sets(self, sets: tuple[CauseSet, ...]) -> tuple[CauseSet, ...]:
+        expanded: dict[tuple[str, ...], CauseSet] = {}
+        for item in sets:
+            choices = [self.shares(name).items() for name in item.effects]
+            for choice in itertools.product(*choices):
+                share = float(np.prod([part for _, part in choice]))
+                names = tuple(sorted(name for name, _ in choice))
+                probability = share * item.probability
+                if names in expanded:
+                    probability += expanded[names].probability
+                    item = expanded[names]
+                expanded[names] = replace(item, effects=names, probability=probability)
+        # A stable sort keeps the effect that stands for others before them.
+        return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
+
+    def _expanded_causes(self, diagnosis: Diagnosis) -> tuple[Cause, ...]:
+        expanded = []
+        for cause in diagnosis.causes:
+            shares = self.shares(cause.effect)
+            members = self.same_curves.get(cause.effect, ())
+            if len(members) < 2:
+                expanded.append(cause)
+                continue
+            for effect in members:
+                others = [name for name in shares if name != effect.name]
+                others += [
+                    name for name in cause.indistinguishable_from if name not in shares
+                ]
+                member = _as_member(diagnosis, cause, effect)
+                expanded.append(
+                    replace(
+                        member,
+                        probability=shares[effect.name] * cause.probability,
+                        indistinguishable_from=tuple(others),
+                    )
+                )
+        return tuple(expanded)
+
+    def _curve_notes(self, diagnosis: Diagnosis) -> list[str]:
+        """Say which effects are one curve, and what would separate them."""
+        notes = []
+        for cause in diagnosis.causes:
+            members = self.same_curves.get(cause.effect, ())
+            if len(members) < 2:
+                continue
+            names = ", ".join(plain(effect.name) for effect in members)
+            remedies = dict.fromkeys(effect.remedy for effect in members)
+            notes.append(
+                f"on these tests one curve: {names}; what separates them: {'; '.join(remedies)}"
+            )
+        if self.untestable:
+            names = ", ".join(
+                dict.fromkeys(plain(effect.name) for effect in self.untestable)
+            )
+            notes.append(
+                f"these tests vary too little to show {names} as such: each looks like leakage, "
+                "friction or a constant torque"
+            )
+        return notes
+
+
+def _as_member(diagnosis: Diagnosis, cause: Cause, effect: Any) -> Cause:
+    """Return a cause as another effect of the same curve, refitted by itself.
+
+    Args:
+        diagnosis: gives the readings.
+        cause: of the effect that stands for the other.
+        effect: the other, at size zero.
+    """
+    if effect.name == cause.effect:
+        return cause
+    base = diagnosis.posterior.base_only.fit
+    hypothesis = replace(base.hypothesis, effects=(effect,))
+    fitted = refit(hypothesis, base.observed)
+    (with_size,) = fitted.effects
+    size = effect.sizes()[0]
+    value = with_size.values()[size.name]
+    first = next(entry for entry in cause.parameters.values() if "interval" in entry)
+    relative = first["standard_error"] / max(abs(first["value"]), 1e-300)
+    error = relative * abs(value)
+    parameters: dict[str, dict[str, Any]] = {}
+    for item in effect.parameters():
+        entry: dict[str, Any] = {
+            "value": with_size.values()[item.name],
+            "unit": item.unit,
+            "meaning": item.meaning,
+        }
+        if item.is_size:
+            entry["standard_error"] = error
+            entry["interval"] = [
+                max(value - 1.96 * error, item.low),
+                min(value + 1.96 * error, item.high),
+            ]
+            entry["plausible"] = bool(item.low < value < item.high)
+        parameters[item.name] = entry
+    return replace(
+        cause,
+        effect=effect.name,
+        form=effect.form,
+        component=effect.component,
+        parameters=parameters,
+        summary=effect.summary,
+        source=effect.source,
+        remedy=effect.remedy,
+    )
+
+
+def _without_gap(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis whose unlisted difference is no larger than the baseline's."""
+    note = (
+        "a few samples stand apart, by no more than left-out samples of the baseline do: that "
+        "counts as no change"
+    )
+    return replace(
+        diagnosis,
+        verdict="no_gap",
+        gap=replace(diagnosis.gap, significant=False),
+        where=(),
+        causes=(),
+        sets=(),
+        unlisted=0.0,
+        misfit=0.0,
+        shrinkage=replace(diagnosis.shrinkage, fraction=None, interval=None),
+        next_tests=(),
+        notes=(note, *diagnosis.notes),
+    )

@@ -1,0 +1,171 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Diagnosis of what has changed in a transmission since it was sound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+from ...diagnosis import Diagnosis, diagnose_system
+from ...diagnosis.results.outcome import NAMING
+from ...diagnosis.wording import plain
+from ...errors import InputError
+from ...files.bench import BenchSamples
+from ...model.agreement import gear_train_remarks
+from ...model.model import EfficiencyModel
+from ..baseline import (
+    ChangeDiagnosis,
+    Reference,
+    compare,
+    control_and_rest,
+    judge_control,
+)
+from .meters import with_meter_errors
+from .readings import observe
+from .sound import SoundTransmission, fit_sound_transmission, observe_change
+from .system import Transmission
+
+COMPARED = ("output_speed", "pressure", "oil_temperature")
+"""Columns that count only where all files have them."""
+BEYOND_PART = 0.05
+"""Part of the range of an axis by which samples may exceed the baseline unsaid."""
+
+
+def diagnose_change(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    baseline: BenchSamples,
+    holdout: BenchSamples | None,
+    *,
+    noise: float | None,
+    warnings: Sequence[str],
+    seed: int,
+    progress: Callable[[str], None] | None,
+) -> ChangeDiagnosis:
+    """Diagnose what has changed in a transmission since it was sound.
+
+    Args:
+        model: formulation `power_balance`; it is refitted to the sound samples.
+        samples: of the transmission as it is now.
+        baseline: of the same transmission when it was sound, or of a sister; at least sixteen.
+        holdout: further samples as it is now, or None.
+        noise: standard deviation of the efficiency [-], or None.
+        warnings: why the samples may be of another machine.
+        seed: of every random number.
+        progress: as of `diagnose_system`.
+
+    Raises:
+        InputError: the baseline is of another machine or has too few samples, or as
+            `diagnose_system`.
+    """
+    _check_machine(model, samples, baseline)
+    notes: list[str] = []
+    tables = [samples, baseline]
+    if holdout is not None:
+        tables.append(holdout)
+    tables = _with_common_columns(tables, notes)
+    samples, baseline = tables[:2]
+    left_out, fitted = control_and_rest(baseline, seed)
+    if progress is not None:
+        progress("the sound transmission")
+    sound = _sound(model, baseline.select(fitted), noise, seed, notes)
+    control_observed = observe_change(sound, baseline.select(left_out), noise)
+    control = judge_control(sound, control_observed, seed)
+    notes += _extrapolation_notes(sound, samples)
+    held_out = None
+    if holdout is not None:
+        held_out = observe_change(sound, tables[2], None)
+    reference = Reference(sound, len(baseline), control, notes=tuple(notes))
+    observed = observe_change(sound, samples, noise)
+    diagnosis, record = compare(
+        reference, observed, held_out, seed=seed, progress=progress
+    )
+    change = record.applied_to(_with_warnings(diagnosis, warnings))
+    return ChangeDiagnosis.of(change, record)
+
+
+def _check_machine(
+    model: EfficiencyModel, samples: BenchSamples, baseline: BenchSamples
+) -> None:
+    """Refuse a baseline whose gear train is another than that of the samples."""
+    of_baseline = gear_train_remarks(model, baseline)
+    of_samples = gear_train_remarks(model, samples)
+    if bool(of_baseline) == bool(of_samples):
+        return
+    remark = (of_baseline or of_samples)[0]
+    raise InputError(
+        f"{baseline.source}: the baseline is of another machine than {samples.source}: {remark}"
+    )
+
+
+def _with_common_columns(
+    tables: Sequence[BenchSamples], notes: list[str]
+) -> list[BenchSamples]:
+    """Return the files without the columns that one of them lacks."""
+    common = list(tables)
+    for name in COMPARED:
+        without = [table.source for table in tables if getattr(table, name) is None]
+        if not without or len(without) == len(tables):
+            continue
+        notes.append(
+            f"{', '.join(without)} lacks column {name}, so that of the other files is not used"
+        )
+        without_column: Any = {name: None}
+        common = [replace(table, **without_column) for table in common]
+    return common
+
+
+def _sound(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    noise: float | None,
+    seed: int,
+    notes: list[str],
+) -> SoundTransmission:
+    """Fit the sound transmission, with the effects that a diagnosis of it names.
+
+    Args:
+        model: formulation `power_balance`.
+        samples: sound samples without the control.
+        noise: standard deviation of the efficiency [-], or None.
+        seed: of every random number.
+        notes: are extended.
+    """
+    pressure = samples.pressure is not None
+    system = Transmission(model, pressure)
+    observed = with_meter_errors(observe(samples, noise, list(model.stages)), system)
+    of_sound = diagnose_system(system, observed, seed=seed)
+    if of_sound.verdict in NAMING:
+        effects = " and ".join(plain(name) for name in of_sound.sets[0].effects)
+        notes.append(
+            f"the baseline itself differs from the model: {effects} "
+            f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
+        )
+    return fit_sound_transmission(of_sound.model, observed, pressure)
+
+
+def _extrapolation_notes(sound: SoundTransmission, samples: BenchSamples) -> list[str]:
+    """Say along which axes the samples go beyond the baseline."""
+    notes = []
+    for name in ("displacement_ratio", "engine_speed", "load_torque"):
+        known = getattr(sound.samples, name)
+        values = getattr(samples, name)
+        margin = BEYOND_PART * (known.max() - known.min())
+        beyond = (values < known.min() - margin) | (values > known.max() + margin)
+        if beyond.any():
+            notes.append(
+                f"{int(beyond.sum())} of {len(samples)} samples go beyond the "
+                f"{name.replace('_', ' ')} of the baseline, where the sound transmission is less "
+                "certain"
+            )
+    return notes
+
+
+def _with_warnings(diagnosis: Diagnosis, warnings: Sequence[str]) -> Diagnosis:
+    """Return a diagnosis with warnings before its notes."""
+    return replace(
+        diagnosis,
+        warnings=(*warnings, *diagnosis.warnings),
+        notes=(*warnings, *diagnosis.notes),
+    )

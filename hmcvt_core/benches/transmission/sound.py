@@ -1,0 +1,303 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A sound transmission as a baseline: the served model, refitted, and a smooth remainder.
+
+The model is refitted to the sound samples, with the effects that a diagnosis of them names. What it
+leaves of each channel is described by the base parameters, linearised around the refit, by the
+errors of the meters, and by a Gaussian process over the operating point
+(`hmcvt_core.physics.remainder`). Its uncertainty is that of the sound prediction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ...diagnosis.observations import Observations
+from ...diagnosis.settings import PRIOR_DOF_STATED
+from ...diagnosis.system import Array, Axis, Channel, Points
+from ...files.bench import BenchSamples
+from ...model.domain import Domain
+from ...model.model import EfficiencyModel
+from ...physics.effects import library
+from ...physics.effects.wear import LaminarLeakage, ViscousDamping
+from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
+from ..baseline import CLASS_TO_DRIFT
+from .base import PRESSURE_GAIN_TOLERANCE, PRESSURE_ZERO_TOLERANCE, scaled_base
+from .channels import (
+    DISPLACEMENT_RATIO,
+    ENGINE_SPEED,
+    LOAD_TORQUE,
+    OIL_TEMPERATURE,
+    PRESSURE_CHANNEL,
+    STAGE,
+)
+from .meters import GAIN_DEVIATION, with_meter_errors
+from .readings import observe
+from .system import Transmission
+
+SOUND_AXES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
+LEAST_RANGE_PART = 0.2
+"""Least range of speed and load for the remainder, as a part of the largest value."""
+LEAST_WIDTHS = {
+    DISPLACEMENT_RATIO.name: 0.5,
+    OIL_TEMPERATURE.name: 20.0,
+    STAGE.name: 1.0,
+}
+"""The same of other axes: half of one side of the stroke; 20 K, which halve the viscosity."""
+STEP = 1e-2
+"""Step of the derivative by a base parameter, in its prior deviations."""
+WEAR = (LaminarLeakage, ViscousDamping)
+"""Growth of what the base model has; candidates besides the library."""
+
+
+@dataclass(frozen=True, eq=False)
+class SoundTransmission:
+    """A sound transmission, held: a `SoundMachine`.
+
+    Attributes:
+        model: refitted to the sound samples.
+        system: the model on its bench.
+        channels: that are compared.
+        remainders: what the model leaves of each channel.
+        base: scaled base parameters of the model, shape (p,).
+        samples: sound samples that were fitted.
+        library: changes that are candidates.
+    """
+
+    model: EfficiencyModel
+    system: Transmission
+    channels: tuple[Channel, ...]
+    remainders: tuple[Remainder, ...]
+    base: Array
+    samples: BenchSamples
+    library: tuple[Any, ...]
+    _predicted: dict[bytes, Array] = field(default_factory=dict, repr=False)
+
+    refusal = Transmission.refusal
+    advice = Transmission.advice
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of an operating point."""
+        return self.system.axes
+
+    @property
+    def source(self) -> str:
+        """Name of the file of the sound samples."""
+        return self.samples.source
+
+    def sound_at(self, points: Points) -> tuple[Array, Array]:
+        """Return mean and covariance of the channels, shapes (channels, n), (channels, n, n)."""
+        predicted = self._base_prediction(points)
+        slopes = _slopes(self.system, self.base, points)
+        means = []
+        covariances = []
+        for channel, remainder in zip(self.channels, self.remainders, strict=True):
+            row = self.system.channels.index(_of_name(self.system, channel.name))
+            columns = _padded(slopes[row], remainder.training.columns.shape[1])
+            mean, covariance = remainder.predict(_stacked(points), columns)
+            means.append(predicted[row] + mean)
+            covariances.append(covariance)
+        return np.stack(means), np.stack(covariances)
+
+    def drift_at(self, points: Points, deviation: Array) -> Array:
+        """Return the covariance of errors that readings in succession share."""
+        covariances = []
+        for remainder, noise in zip(self.remainders, deviation, strict=True):
+            covariances.append(remainder.drift_covariance(_stacked(points), noise))
+        return np.stack(covariances)
+
+    def left_out_residuals(self) -> list[LeftOut]:
+        """Return residuals of each channel at sound samples that are left out."""
+        return [remainder.left_out_runs() for remainder in self.remainders]
+
+    def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
+        """Return how effects change the channels, shape (channels, n)."""
+        changed = self.system.predict(self.base, effects, points)
+        change = changed - self._base_prediction(points)
+        rows = [
+            self.system.channels.index(_of_name(self.system, channel.name))
+            for channel in self.channels
+        ]
+        return np.asarray(change[rows])
+
+    def meter_errors(self, points: Points, sound: Array) -> tuple[list[str], Array]:
+        """Return names of errors of the meters, and what one deviation of each changes."""
+        names = ["efficiency_gain"]
+        of_gain = np.zeros_like(sound)
+        of_gain[0] = GAIN_DEVIATION / CLASS_TO_DRIFT * sound[0]
+        errors = [of_gain]
+        channels = [channel.name for channel in self.channels]
+        if PRESSURE_CHANNEL.name in channels:
+            row = channels.index(PRESSURE_CHANNEL.name)
+            of_gain = np.zeros_like(sound)
+            of_gain[row] = PRESSURE_GAIN_TOLERANCE / CLASS_TO_DRIFT * sound[row]
+            of_zero = np.zeros_like(sound)
+            of_zero[row] = PRESSURE_ZERO_TOLERANCE / CLASS_TO_DRIFT
+            names += ["pressure_gain", "pressure_zero"]
+            errors += [of_gain, of_zero]
+        return names, np.stack(errors)
+
+    def candidates(self, points: Points) -> Points:
+        """Return a grid of tests over the range of the campaign."""
+        return self.system.candidates(points, self.base)
+
+    def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
+        """Return the power lost beyond that of the sound transmission [W]."""
+        return self.system.lost_power(points, expected, real)
+
+    def model_of(
+        self, effects: Sequence[Any], samples: Any, meters: Array | None = None
+    ) -> EfficiencyModel:
+        """Return the sound model with its changes; the remainder is no part of it."""
+        if not effects:
+            return self.model
+        provenance = {**self.model.provenance, "baseline": self.source}
+        return replace(
+            self.model,
+            effects=(*self.model.effects, *effects),
+            domain=Domain.of(samples),
+            provenance=provenance,
+        )
+
+    def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
+        """Say what missing columns cost."""
+        return self.system.remarks(samples)
+
+    def _base_prediction(self, points: Points) -> Array:
+        """Return the prediction of the model alone, which a search asks for repeatedly."""
+        key = _stacked(points).tobytes()
+        if key not in self._predicted:
+            self._predicted[key] = self.system.predict(self.base, (), points)
+        return self._predicted[key]
+
+
+def fit_sound_transmission(
+    model: EfficiencyModel, observed: Observations, pressure: bool
+) -> SoundTransmission:
+    """Fit what a model leaves of sound samples.
+
+    Args:
+        model: refitted to the sound samples.
+        observed: the sound samples with the errors of their meters, in the channels that are
+            compared.
+        pressure: whether the pressure is one of them.
+    """
+    system = Transmission(model, pressure)
+    base = scaled_base(system.base, model.parameters)
+    predicted = system.predict(base, (), observed.points)
+    slopes = _slopes(system, base, observed.points)
+    answered = np.isfinite(predicted).all(axis=0) & np.isfinite(slopes).all(axis=(0, 2))
+    index = np.flatnonzero(answered)
+    observed = observed.select(index)
+    points = _stacked(observed.points)
+    spread = np.append(system.base.spread, np.ones(observed.shared_count))
+    shared = observed.shared_columns * observed.deviation[..., None]
+    channels = []
+    remainders = []
+    for i, channel in enumerate(observed.channels):
+        row = system.channels.index(channel)
+        columns = np.column_stack([slopes[row][index], shared[i]])
+        scale = channel.misfit_spread
+        if channel.relative:
+            scale = scale * float(np.median(np.abs(observed.measured[i])))
+        training = Training(
+            points=points,
+            columns=columns,
+            spread=spread,
+            values=observed.measured[i] - predicted[row][index],
+            noise=observed.deviation[i],
+            smooth_deviation=scale,
+            nonnegative=np.zeros(len(spread), dtype=bool),
+            least_width=_least_widths(observed.points),
+            order=np.arange(float(len(index))),
+            noise_stated=not observed.assumed,
+        )
+        remainders.append(fit_remainder(training))
+        channels.append(
+            replace(channel, misfit_spread=channel.misfit_spread / CLASS_TO_DRIFT)
+        )
+    kinds: tuple[Any, ...] = (*WEAR, *library())
+    return SoundTransmission(
+        model=model,
+        system=system,
+        channels=tuple(channels),
+        remainders=tuple(remainders),
+        base=base,
+        samples=observed.samples,
+        library=tuple(kind() for kind in kinds),
+    )
+
+
+def observe_change(
+    sound: SoundTransmission, samples: BenchSamples, noise: float | None
+) -> Observations:
+    """Set up the channels of samples, with the noise that the baseline shows.
+
+    Args:
+        sound: the baseline.
+        samples: with the columns that are compared.
+        noise: standard deviation of the efficiency [-], or None.
+    """
+    stages = list(sound.model.stages)
+    observed = with_meter_errors(observe(samples, noise, stages), sound.system)
+    deviation = observed.deviation.copy()
+    for i, remainder in enumerate(sound.remainders):
+        ratio = remainder.noise_ratio_at(_stacked(observed.points))
+        deviation[i] = ratio * deviation[i]
+    return replace(
+        observed,
+        channels=sound.channels,
+        deviation=deviation,
+        prior_dof=np.full(len(sound.channels), PRIOR_DOF_STATED),
+        noise_source="scatter of the baseline",
+        assumed=False,
+    )
+
+
+def _of_name(system: Transmission, name: str) -> Channel:
+    """Return the channel of a bench by its name."""
+    return next(channel for channel in system.channels if channel.name == name)
+
+
+def _stacked(points: Points) -> Array:
+    """Return operating points along all axes that are read, shape (n, axes)."""
+    rows = [points[axis.name] for axis in SOUND_AXES if axis.name in points]
+    return np.stack(np.broadcast_arrays(*rows), axis=1)
+
+
+def _least_widths(points: Points) -> Array:
+    """Return the least range by which each axis is scaled, shape (axes,)."""
+    widths = []
+    for axis in SOUND_AXES:
+        if axis.name not in points:
+            continue
+        largest = float(np.abs(points[axis.name]).max())
+        widths.append(LEAST_WIDTHS.get(axis.name, LEAST_RANGE_PART * largest))
+    return np.array(widths)
+
+
+def _slopes(system: Transmission, base: Array, points: Points) -> Array:
+    """Return derivatives of all channels by the base parameters, shape (channels, n, p)."""
+    predicted = system.predict(base, (), points)
+    columns = []
+    for i, spread in enumerate(system.base.spread.tolist()):
+        moved = base.copy()
+        moved[i] += STEP * spread
+        change = system.predict(moved, (), points) - predicted
+        columns.append(change / (STEP * spread))
+    return np.stack(columns, axis=-1)
+
+
+def _padded(columns: Array, count: int) -> Array:
+    """Return columns with zeros for the errors that only the sound readings share.
+
+    Args:
+        columns: derivatives by the base parameters, shape (n, p).
+        count: number of columns of the fit.
+    """
+    further = np.zeros((len(columns), count - columns.shape[1]))
+    return np.column_stack([columns, further])

@@ -1,0 +1,324 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The model of a unit that is handed over: never worse than the terms of the paper alone.
+
+Three models predict the losses: the terms of the paper, these with the leading set of effects, and
+the terms of real units with a smooth remainder (`sound`). They are mixed by stacking (Wolpert 1992;
+Breiman 1996): with weights that are not negative, sum to one and have the least squared error at
+samples left out. Random parts of the samples give the weights within the tests. The highest fifth
+of an axis, predicted from below, gives the weights beyond the tests along it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...diagnosis.fitting.hypothesis import Hypothesis
+from ...diagnosis.fitting.refit import refit
+from ...diagnosis.system import Array
+from ...files.units import UnitSamples
+from .sound import ChangedUnit, fit_sound_unit
+from .system import (
+    FRICTION,
+    LOSSES,
+    PRESSURE,
+    SPEED,
+    STROKE,
+    HydrostaticUnit,
+    UnitModel,
+    observe_unit,
+)
+
+FOLDS = 4
+"""Random parts of the samples; each is predicted from the others."""
+BAND_PART = 0.8
+"""Quantile of an axis above which samples are predicted from those below: the highest fifth."""
+LEAST_FITTED = 10
+"""Fewest samples from which a band is predicted: two for each term of a loss."""
+SUM_WEIGHT = 1e3
+"""Weight of the condition that weights sum to one, against errors of size one."""
+BAND_AXES = (PRESSURE.name, SPEED.name, STROKE.name)
+INSIDE = "inside"
+"""Name of the weights within the tests."""
+WORSE = 1.05
+"""Ratio of errors at samples left out above which a model counts as worse; chosen.
+
+With some 20 samples an error is known to about 15 %, but those of two models share the noise.
+"""
+LEAST_DISTANCE = 1e-9
+"""Least width of a band, as a part of the largest value of its axis."""
+
+
+class Predictor(Protocol):
+    """A model that predicts losses of a unit."""
+
+    def predict(self, samples: UnitSamples) -> dict[str, Array]:
+        """Return losses by channel at the points of samples, shape (n,) each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Weights of the models for one band of the operating points.
+
+    Attributes:
+        band: `inside`, or the axis along which the band is the highest fifth.
+        start: value where the band begins; 0 for `inside`.
+        end: largest value of the samples; 0 for `inside`.
+        models: weight of each model, by channel and model.
+        errors: root mean square error at samples left out, by channel and model; `served` is that
+            of the mixture.
+    """
+
+    band: str
+    start: float
+    end: float
+    models: Mapping[str, Mapping[str, float]]
+    errors: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class ServedUnit:
+    """The models of a unit, mixed by their errors at samples left out.
+
+    Attributes:
+        models: by name, `base` first.
+        bands: weights inside the tests first.
+        samples: that were fitted.
+    """
+
+    models: Mapping[str, Predictor]
+    bands: tuple[Weights, ...]
+    samples: UnitSamples
+
+    def predict(self, samples: UnitSamples) -> dict[str, Array]:
+        """Return losses by channel at the points of samples, shape (n,) each."""
+        parts = self._parts_of_bands(samples)
+        predictions = {
+            name: model.predict(samples) for name, model in self.models.items()
+        }
+        losses = {}
+        for channel in self.bands[0].models:
+            mixture = np.zeros(len(samples))
+            for part, band in zip(parts, self.bands, strict=True):
+                for name, weight in band.models[channel].items():
+                    mixture += part * weight * predictions[name][channel]
+            losses[channel] = mixture
+        return losses
+
+    def deviation(self, samples: UnitSamples) -> dict[str, Array]:
+        """Return standard deviations of the prediction by channel, shape (n,) each.
+
+        They are the errors of the mixture at samples left out, of noise and misfit.
+        """
+        parts = self._parts_of_bands(samples)
+        deviations = {}
+        for channel in self.bands[0].errors:
+            variance = np.zeros(len(samples))
+            for part, band in zip(parts, self.bands, strict=True):
+                variance += part * band.errors[channel]["served"] ** 2
+            deviations[channel] = np.sqrt(variance)
+        return deviations
+
+    def rmse(self, samples: UnitSamples) -> list[float | None]:
+        """Return the root mean square error of both losses [m3/s], [N m]; None where not read."""
+        predicted = self.predict(samples)
+        errors: list[float | None] = []
+        for name in LOSSES:
+            measured = getattr(samples, name)
+            if measured is None or name not in predicted:
+                errors.append(None)
+            else:
+                errors.append(_rms(measured - predicted[name]))
+        return errors
+
+    def notes(self) -> list[str]:
+        """Say where effects predict a band worse than the terms of the paper do."""
+        notes = []
+        for band in self.bands:
+            for channel, errors in band.errors.items():
+                if errors.get("with_effects", 0.0) <= WORSE * errors["base"]:
+                    continue
+                where = "samples left out at random"
+                if band.band != INSIDE:
+                    where = f"the highest fifth of {band.band}, left out"
+                percent = 100.0 * band.models[channel]["with_effects"]
+                notes.append(
+                    f"{channel.removesuffix('_loss')}: the effects predict {where} worse than "
+                    "the terms of the paper do; they have a weight of "
+                    f"{percent:.0f} % in the model handed over there"
+                )
+        return notes
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """Return the weights as a JSON array."""
+        rows = []
+        for band in self.bands:
+            weights = {channel: dict(models) for channel, models in band.models.items()}
+            errors = {channel: dict(models) for channel, models in band.errors.items()}
+            rows.append({"band": band.band, "weights": weights, "rmse": errors})
+        return rows
+
+    def _parts_of_bands(self, samples: UnitSamples) -> Array:
+        """Return the part of each band at the points of samples, shape (bands, n).
+
+        The parts of all bands but `inside` rise from 0 where a band begins to 1 at the largest
+        value of the samples. Of several bands the one counts most of which a point lies farthest
+        out.
+        """
+        distances = np.zeros((len(self.bands), len(samples)))
+        for i, band in enumerate(self.bands):
+            if band.band == INSIDE:
+                continue
+            values = getattr(samples, band.band)
+            width = max(band.end - band.start, LEAST_DISTANCE * band.end)
+            distances[i] = np.maximum((values - band.start) / width, 0.0)
+        beyond = np.minimum(distances.max(axis=0), 1.0)
+        squares = distances**2
+        parts = beyond * squares / np.maximum(squares.sum(axis=0), 1e-300)
+        parts[0] = 1.0 - beyond
+        return np.asarray(parts)
+
+
+def served_unit(
+    system: HydrostaticUnit, samples: UnitSamples, effects: Sequence[Any]
+) -> ServedUnit:
+    """Return the model of a unit that is handed over.
+
+    Args:
+        system: the unit.
+        samples: to which it is fitted.
+        effects: the leading set, at its fitted sizes; empty where none leads.
+    """
+    n = len(samples)
+    order = np.random.default_rng(0).permutation(n)
+    folds = [np.sort(part) for part in np.array_split(order, FOLDS)]
+    bands = [_weights(system, samples, effects, INSIDE, folds)]
+    for axis in BAND_AXES:
+        rows = _band_rows(samples, axis)
+        if rows is not None:
+            bands.append(_weights(system, samples, effects, axis, [rows]))
+    models = _fitted(system, samples, effects)
+    return ServedUnit(models, tuple(bands), samples)
+
+
+def _band_rows(samples: UnitSamples, axis: str) -> NDArray[np.intp] | None:
+    """Return the samples in the highest fifth of an axis, or None where it has none."""
+    values = getattr(samples, axis)
+    above = values >= np.quantile(values, BAND_PART)
+    if np.sum(~above) < LEAST_FITTED:
+        return None
+    return np.flatnonzero(above)
+
+
+def _fitted(
+    system: HydrostaticUnit, samples: UnitSamples, effects: Sequence[Any]
+) -> dict[str, Predictor]:
+    """Fit every model to samples."""
+    channels = [channel.name for channel in system.channels]
+    models: dict[str, Predictor] = {"base": paper_terms(system, samples)}
+    if effects:
+        fit = refit(Hypothesis(system, tuple(effects)), observe_unit(system, samples))
+        fitted: tuple[Any, ...] = fit.effects
+        models["with_effects"] = UnitModel(system, fit.base, fitted)
+    models["empirical"] = ChangedUnit(fit_sound_unit(samples, channels, ()), ())
+    return models
+
+
+def _weights(
+    system: HydrostaticUnit,
+    samples: UnitSamples,
+    effects: Sequence[Any],
+    band: str,
+    parts: Sequence[NDArray[np.intp]],
+) -> Weights:
+    """Return the weights that predict parts of the samples best from the others.
+
+    Args:
+        system: the unit.
+        samples: of the unit.
+        effects: of the leading set.
+        band: name of the band.
+        parts: indices of the samples that are left out, one part at a time.
+    """
+    every_row = np.arange(len(samples))
+    predicted: dict[str, dict[str, list[Array]]] = {}
+    for rows in parts:
+        fitted = samples.select(np.setdiff1d(every_row, rows))
+        left_out = samples.select(rows)
+        for name, model in _fitted(system, fitted, effects).items():
+            for channel, values in model.predict(left_out).items():
+                predicted.setdefault(channel, {}).setdefault(name, []).append(values)
+    order = np.concatenate(parts)
+    weights = {}
+    errors = {}
+    for channel in (item.name for item in system.channels):
+        measured = getattr(samples, channel)[order]
+        rows_of = {
+            name: np.concatenate(values) for name, values in predicted[channel].items()
+        }
+        weights[channel] = _stacked(rows_of, measured)
+        errors[channel] = {
+            name: _rms(measured - values) for name, values in rows_of.items()
+        }
+        mixture = sum(weights[channel][name] * rows_of[name] for name in rows_of)
+        errors[channel]["served"] = _rms(measured - mixture)
+    if band == INSIDE:
+        return Weights(band, 0.0, 0.0, weights, errors)
+    values = getattr(samples, band)
+    start = float(values[order].min())
+    return Weights(band, start, float(values.max()), weights, errors)
+
+
+def _stacked(predicted: Mapping[str, Array], measured: Array) -> dict[str, float]:
+    """Return the weights of the least squared error, not negative, with the sum one.
+
+    Args:
+        predicted: of each model, shape (n,).
+        measured: shape (n,).
+    """
+    from scipy.optimize import nnls
+
+    errors = np.stack([values - measured for values in predicted.values()], axis=1)
+    errors = errors / np.maximum(np.abs(errors).max(), 1e-300)
+    columns = np.vstack([errors, np.full((1, errors.shape[1]), SUM_WEIGHT)])
+    target = np.append(np.zeros(len(errors)), SUM_WEIGHT)
+    solution, _ = nnls(columns, target)
+    weights = solution / solution.sum()
+    return dict(zip(predicted, weights.tolist(), strict=True))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def paper_terms(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:
+    """Fit leakage and damping alone by weighted least squares; the meters count as exact."""
+    _, ideal_torque = samples.ideal
+    leakage = damping = 0.0
+    if samples.flow_loss is not None:
+        weight = samples.deviation_of("flow_loss") ** -2.0
+        leakage = _slope(samples.pressure, samples.flow_loss, weight)
+    if samples.torque_loss is not None:
+        weight = samples.deviation_of("torque_loss") ** -2.0
+        rubbed = samples.torque_loss - FRICTION * ideal_torque
+        damping = _slope(samples.speed, rubbed, weight)
+    base = np.array(
+        [
+            np.log10(leakage / system.size + 1e-16),
+            damping / system.size,
+            0.0,
+            0.0,
+            0.0,
+        ]
+    )
+    return UnitModel(system, base, ())
+
+
+def _slope(driver: Any, loss: Any, weight: Any) -> float:
+    """Weighted least-squares slope of a line through the origin, not negative."""
+    slope = np.sum(weight * driver * loss) / np.sum(weight * driver**2)
+    return max(float(slope), 0.0)

@@ -1,0 +1,95 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A transmission compared with its sound state."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.mechanical import Churning
+from hmcvt_core.physics.effects.wear import LaminarLeakage
+
+from .campaigns import BASE, campaign
+
+NOISE = 0.004
+SERVED = replace(BASE, parameters=hmcvt.HydraulicParameters(1e-11, 0.1, 0.1))
+"""A model whose parameters are not those of the machine."""
+
+
+def bench(effects=(), seed=0, n=24):
+    """Tests of the machine with further effects."""
+    return campaign(effects, seed, n=n, noise=NOISE)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return bench(seed=1000, n=48)
+
+
+@pytest.fixture(scope="module")
+def worn(sound):
+    leak = LaminarLeakage(leakage=0.5 * BASE.parameters.leakage)
+    return hmcvt.diagnose(SERVED, bench((leak,)), baseline=sound, noise=NOISE)
+
+
+def test_sound_against_sound_is_no_change(sound):
+    answer = hmcvt.diagnose(SERVED, bench(seed=1), baseline=sound, noise=NOISE)
+    assert answer.verdict == "no_gap" and not answer.baseline.control.alarms
+
+
+def test_leakage_grown_by_half_is_named(worn):
+    assert worn.verdict in ("cause_found", "ambiguous")
+    assert worn.component == "pump"
+    assert worn.sets[0].effects == ("laminar_leakage",)
+    size = worn.causes[0].parameters["leakage"]
+    low, high = size["interval"]
+    assert low < 0.5 * BASE.parameters.leakage < high
+
+
+def test_json_and_text_name_the_baseline(worn):
+    data = json.loads(json.dumps(worn.to_dict()))
+    assert data["baseline"] == {
+        "source": "simulated",
+        "samples": 48,
+        "control": {
+            "samples": 12,
+            "verdict": "no_gap",
+            "p_value": pytest.approx(0.26, abs=0.01),
+        },
+    }
+    assert "Compared with 48 sound samples" in worn.report()
+    assert max(map(len, worn.report().splitlines())) <= 100
+
+
+def test_page_of_a_change(worn):
+    page = hmcvt.report.html(worn)
+    assert "Compared with 48 sound samples" in page and "laminar leakage" in page
+
+
+def test_model_with_the_change_is_saved(worn, tmp_path):
+    path = tmp_path / "worn.yaml"
+    hmcvt.save_model(worn.model, path)
+    loaded = hmcvt.load_model(path)
+    assert [effect.name for effect in loaded.effects] == ["laminar_leakage"]
+    assert loaded.fingerprint == worn.model.fingerprint
+
+
+def test_a_faulty_baseline_is_diagnosed_first():
+    churned = (Churning(torque=25.0),)
+    faulty = bench(churned, seed=1000, n=64)
+    answer = hmcvt.diagnose(SERVED, bench(churned), baseline=faulty, noise=NOISE)
+    assert answer.verdict == "no_gap"
+    assert any("the baseline itself differs from the model" in n for n in answer.notes)
+
+
+def test_wrong_baselines_are_named(sound):
+    samples = bench(seed=1)
+    other = replace(sound, output_speed=1.3 * np.asarray(sound.output_speed))
+    with pytest.raises(hmcvt.InputError, match="of another machine"):
+        hmcvt.diagnose(SERVED, samples, baseline=other, noise=NOISE)
+    with pytest.raises(hmcvt.InputError, match="9 samples are too few for a baseline"):
+        hmcvt.diagnose(SERVED, samples, baseline=sound.select(np.arange(9)))
+    with pytest.raises(hmcvt.InputError, match="baseline"):
+        hmcvt.diagnose(SERVED, samples, baseline="sound.csv")

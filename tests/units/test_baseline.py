@@ -1,0 +1,53 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""A pump compared with its sound state, on flow alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hmcvt_core.benches.unit import diagnose_unit
+from hmcvt_core.errors import InputError
+from hmcvt_core.files.units import UnitSamples
+
+from .bench import CM3, LEAKAGE, TURN, grid
+
+
+def pump(seed, further=0.0):
+    """Flow tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`."""
+    speed, pressure = grid(6)
+    w, p = speed * TURN / 60.0, pressure * 1e5
+    size = CM3 * 1e-6 / TURN
+    noise = 0.004 * size * w * np.random.default_rng(seed).standard_normal(len(w))
+    lost = (1.0 + further) * LEAKAGE * p + noise
+    return UnitSamples("pump", size, np.ones(len(w)), w, p, lost, None, noise=0.004)
+
+
+def test_sound_against_sound_and_grown_leakage():
+    assert diagnose_unit(pump(1), baseline=pump(2)).diagnosis.verdict == "no_gap"
+    worn = diagnose_unit(pump(3, further=2.0), baseline=pump(2)).to_dict()
+    assert worn["verdict"] in ("cause_found", "ambiguous")
+    assert worn["baseline"]["control"]["verdict"] == "no_gap"
+
+
+def test_wrong_baselines_are_named():
+    sound = pump(2)
+    with pytest.raises(InputError, match="another machine"):
+        diagnose_unit(sound, baseline=replace(sound, displacement=1e-5))
+    with pytest.raises(InputError, match="too few for a baseline"):
+        diagnose_unit(sound, baseline=sound.select(np.arange(9)))
+
+
+def test_a_zero_of_the_meter_is_no_wear():
+    sound = pump(2)
+    zero = 2e-4 * sound.meter_reading("flow_loss").max()
+    later = replace(pump(4), flow_loss=pump(4).flow_loss + zero)
+    assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
+
+
+def test_same_seed_same_answer():
+    answers = [
+        diagnose_unit(pump(3, further=2.0), baseline=pump(2), seed=5).to_dict()
+        for _ in range(2)
+    ]
+    assert answers[0] == answers[1]
