@@ -79,6 +79,10 @@ system:
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev
 	$(BIN)/python -m studies.blind --seed-base 900000000 --out docs/blind.md
+	$(BIN)/python -m studies.blind --plant bench --campaigns 120 --seed 97000000 \
+		--page blind-bench.md
+	cat blind-bench.md >> docs/blind.md
+	rm blind-bench.md
 
 reproduce: $(VENV)/.dev
 	$(BIN)/python -m studies.reproduce --out reproduction

@@ -32,6 +32,23 @@ SESSION = "session"
 """Key of `Observations.points` under which the sessions of the samples are numbered."""
 
 
+@dataclass(frozen=True)
+class SharedError:
+    """An error that readings share, as those of one session share the zero of a meter.
+
+    Attributes:
+        name: what is off, in words.
+        session: name of the session whose readings share it; empty where all do.
+        deviation: prior standard deviation, in its unit.
+        unit: of the error.
+    """
+
+    name: str
+    session: str
+    deviation: float
+    unit: str
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """Channels read at n operating points.
@@ -54,6 +71,7 @@ class Observations:
         shared_errors: change of each reading by one standard deviation of each error that
             readings share, as those of one session do, shape (channels, n, m), in the units of the
             channels; None where readings share none.
+        shared_names: what these errors are, m of them.
     """
 
     axes: tuple[Axis, ...]
@@ -67,6 +85,7 @@ class Observations:
     noise_source: str
     assumed: bool = False
     shared_errors: Array | None = None
+    shared_names: tuple[SharedError, ...] = ()
 
     def __len__(self) -> int:
         return len(self.number)

@@ -32,6 +32,7 @@ from .results.summary import (
     parameters_of,
     regions_of,
     sets_of,
+    shared_errors_of,
 )
 from .results.verdict import verdict_of
 from .selection.posterior import compute_posterior
@@ -152,6 +153,7 @@ def _summarise(
         base_parameters=base_parameters,
         parameters=parameters,
         seed=analysis.seed,
+        shared_errors=shared_errors_of(analysis),
     )
 
 

@@ -18,7 +18,7 @@ from .logs.selection import Selection, Stated, read_rows, select
 from .logs.series import Log, Report, listed_names
 from .raw import Imported
 from .recordings import Windows, bench_columns, windows_of
-from .tables.checks import contradictions, implausible
+from .tables.checks import changing_strokes, contradictions, implausible
 from .tables.proposal import INPUTS, OUTPUTS, missing_quantities
 from .tables.shafts import exchanged_shafts, shafts_note
 
@@ -229,6 +229,7 @@ def _refuse(log: Log, problems: Sequence[str]) -> None:
 def _refuse_unusual(log: Log, selection: Selection, columns: Mapping[str, Any]) -> None:
     """Refuse samples whose values look like another unit, or whose efficiency is unusual."""
     problems = implausible(columns, selection.columns)
+    problems += changing_strokes(columns["displacement_ratio"])
     if not problems:
         problems = exchanged_shafts(columns, selection.columns)
     middle = float(np.median(columns["efficiency"]))

@@ -20,6 +20,7 @@ from .bench import BenchSamples, column_name
 from .recordings import cut, even_columns, is_recording, looks_recorded, powers
 from .tables.checks import (
     causes_of_efficiency,
+    changing_strokes,
     contradicting_tests,
     contradictions,
     implausible,
@@ -296,6 +297,10 @@ def import_table(
             stages,
             sure,
         )
+        possible = [
+            index for index, row in enumerate(table.rows) if row not in rows.no_tests
+        ]
+        _refuse(changing_strokes(values["displacement_ratio"][possible]), table)
     note = shafts_note(taken, columns, stages)
     if note:
         notes.append(note)
@@ -699,6 +704,7 @@ def _from_recording(
         _refuse_contradictions(
             windows.columns, {}, windows.columns, columns, table, stages
         )
+        _refuse(changing_strokes(windows.columns["displacement_ratio"]), table)
     samples = BenchSamples(
         **windows.columns,
         extra={} if stages is None else {"stage": stages},
@@ -729,6 +735,11 @@ def _refuse_contradictions(
     problems += implausible(values, columns, confirmed)
     if not problems:
         problems += exchanged_shafts(stated, columns, stages)
+    _refuse(problems, table)
+
+
+def _refuse(problems: Sequence[str], table: RawTable) -> None:
+    """Raise an `InputError` that names problems, if there are any."""
     if problems:
         raise InputError(
             f"{table.source}: {'; '.join(problems)} (name column and unit, or --unchecked "

@@ -6,7 +6,7 @@ Each worker reads its log itself: on a cluster the paths have to mean the same e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
@@ -120,7 +120,7 @@ def estimate_together(
         HmcvtError: no log can be estimated.
     """
     totals = Totals()
-    notes: dict[str, list[str]] = {}
+    notes: dict[str, Sequence[str]] = {}
     broken: dict[str, str] = {}
     tasks = ((str(path), str(path.resolve())) for path in paths)
     outcomes = study_all(partial(_estimate_one, job), tasks, executor)
@@ -129,18 +129,32 @@ def estimate_together(
             broken[name] = outcome if name in outcome else f"{name}: {outcome}"
         else:
             totals.add(outcome.totals)
-            notes[name] = [f"{name}: {note}" for note in outcome.notes]
+            notes[name] = outcome.notes
         if progress is not None:
             progress(done, len(paths))
     if not notes:
         raise HmcvtError("; ".join(broken.values()))
     in_order = [str(path) for path in paths]
-    lines = [line for name in in_order for line in notes.get(name, ())]
-    source = f"{len(notes)} logs"
+    ordered = {name: notes[name] for name in in_order if name in notes}
     return Together(
-        Estimate(totals, source, tuple(lines)),
+        Estimate(totals, f"{len(notes)} logs", _joined_notes(ordered)),
         tuple(broken[name] for name in in_order if name in broken),
     )
+
+
+def _joined_notes(notes: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Return the notes of logs, each once, with the log or how many logs it holds for."""
+    logs_by_note: dict[str, list[str]] = {}
+    for name, lines in notes.items():
+        for line in lines:
+            logs_by_note.setdefault(line, []).append(name)
+    joined = []
+    for line, logs in logs_by_note.items():
+        where = logs[0]
+        if len(logs) > 1:
+            where = f"{len(logs)} logs, {logs[0]} to {logs[-1]}"
+        joined.append(f"{where}: {line}")
+    return tuple(joined)
 
 
 def _estimate_one(job: Job, path: str) -> Estimate:

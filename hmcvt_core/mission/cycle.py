@@ -5,6 +5,8 @@ A row of a cycle file holds until the next one. A file that is finer than the st
 averaged. Rows that miss a value, and gaps between rows, are left out and named; the rest goes on.
 """
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Mapping
@@ -100,6 +102,20 @@ class Cycle:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def first(self, steps: int) -> Cycle:
+        """Return the first steps of the cycle."""
+        ground = {name: power[:steps] for name, power in self.ground.items()}
+        return replace(
+            self,
+            time=self.time[:steps],
+            output_speed=self.output_speed[:steps],
+            output_power=self.output_power[:steps],
+            pto_power=self.pto_power[:steps],
+            auxiliary_power=self.auxiliary_power[:steps],
+            lowest_engine_speed=self.lowest_engine_speed[:steps],
+            ground=ground,
+        )
 
     @property
     def standing(self) -> NDArray[np.bool_]:
@@ -274,7 +290,7 @@ class _Grid:
     gaps: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, rows: Array, step: float, source: str) -> "_Grid":
+    def of(cls, rows: Array, step: float, source: str) -> _Grid:
         if not step > 0.0:
             raise InputError(f"step = {step:g} s; needs a positive one")
         distances = np.diff(rows)

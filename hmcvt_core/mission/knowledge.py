@@ -82,8 +82,8 @@ class Worth:
             f"On the cycle {self.cycle} the gap costs {self.gap / DIESEL_DENSITY:+.2f} l/h "
             f"({self.gap:+.3f} kg/h, {100.0 * self.gap / self.expected:+.1f} %) more than the "
             "model says.",
-            f"Choosing stage and engine speed with the cause in the model saves "
-            f"{self.saving / DIESEL_DENSITY:.3f} l/h of it "
+            "With the cause in the model the strategy chooses stage and engine speed better and "
+            f"needs {self.saving / DIESEL_DENSITY:.3f} l/h less "
             f"({100.0 * self.lost_part:.2f} % of the fuel).",
         ]
         if self.unmet:

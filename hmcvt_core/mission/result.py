@@ -16,10 +16,13 @@ from .cycle import Cycle
 from .energy import Energy, Powers, powers
 from .points import SPEED_STEP, Drive, WorkingPoints, reason, speed_grid, working_points
 from .run import NOWHERE, Complaint, Run, drive_cycle
-from .strategies import strategy_named
+from .strategies import Strategy, strategy_named
 
 DIESEL_DENSITY = 0.835
 """Mass of a litre of diesel [kg], the middle of EN 590 (0.820 to 0.845 at 15 deg C)."""
+
+_SMALLEST_PART = 1e-9
+"""Of the engine's work: what less is needs no line in the report."""
 
 _MOST_NAMED = 5  # complaints of one kind that the text names
 
@@ -165,8 +168,8 @@ def _energy_lines(energy: Energy) -> list[str]:
     losses = sorted(energy.losses.items(), key=lambda loss: -loss[1])
     parts += [(name, joules, "lost: ") for name, joules in losses]
     for name, joules, kind in parts:
-        if joules == 0.0:
-            continue
+        if abs(joules) < _SMALLEST_PART * energy.engine:
+            continue  # rounding of a part that takes nothing
         share = 100.0 * joules / energy.engine
         label = kind + name.replace("_", " ")
         lines.append(f"  {label:<26} {joules / 3.6e6:7.3f} kWh {share:6.1f} %")
@@ -228,21 +231,28 @@ class Planned:
         least = bound(drive, cycle, points) if with_bound else None
         return cls(drive, cycle, points, least)
 
-    def mission(self, strategy: str, believed: WorkingPoints | None = None) -> Mission:
+    def mission(
+        self, strategy: str | Strategy, believed: WorkingPoints | None = None
+    ) -> Mission:
         """Drive the cycle with a strategy.
 
         Args:
-            strategy: name of `STRATEGIES`, or path of a Python file.
+            strategy: name of `STRATEGIES`, path of a Python file, or a function that takes a
+                `Situation` and returns a stage and an engine speed.
             believed: working points by the model that the strategy knows; the tractor's when left
                 out.
 
         Raises:
             InputError: there is no such strategy.
         """
-        run = drive_cycle(
-            strategy_named(strategy), self.drive, self.cycle, self.points, believed
-        )
-        return self._result(strategy, run)
+        if isinstance(strategy, str):
+            name = strategy
+            choose = strategy_named(strategy)
+        else:
+            name = getattr(strategy, "__name__", type(strategy).__name__)
+            choose = strategy
+        run = drive_cycle(choose, self.drive, self.cycle, self.points, believed)
+        return self._result(name, run)
 
     def best(self) -> Mission:
         """Return the mission of least fuel, which knows the cycle in advance.

@@ -285,6 +285,19 @@ def test_a_unit_that_changes_is_noticed(hmcvt, tmp_path, quantity, factor, words
     assert done.code == 2 and words in done.err, done
 
 
+def test_strokes_that_change_to_fractions_are_noticed_among_missing_values(
+    hmcvt, tmp_path
+):
+    stroke = np.array([13.63, -14.13, 41.7, -28.4, 0.98, 0.70, -0.42, 0.42])
+    columns = {name: list(values[: len(stroke)]) for name, values in LOADS.items()}
+    columns["Stroke [%]"] = list(stroke)
+    (torque,) = (name for name in columns if "torque" in name.lower())
+    for row in (4, 7):
+        columns[torque][row] = "#N/A"
+    done = imported(hmcvt, tmp_path, text_of(columns), "--skip-bad")
+    assert done.code == 2 and "does its unit change within the table" in done.err, done
+
+
 def test_a_mistyped_stroke_does_not_fit_its_speeds(hmcvt, tmp_path):
     stroke = 100.0 * STROKE
     stroke[3] *= -1.0

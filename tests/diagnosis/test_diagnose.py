@@ -245,6 +245,7 @@ def test_json_of_the_contract(name):
         "unlisted_probability",
         "notes",
         "parameters",
+        "shared_errors",
         "seed",
     }
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hmcvt_core import diagnose
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.benches.transmission.meters import (
     LEAST_SESSION_SAMPLES,
@@ -90,3 +91,25 @@ def test_only_several_sessions_are_numbered_and_the_physics_ignore_them():
 
 def test_one_sample_shares_nothing():
     assert _observed(QUIET.select(np.arange(1))).shared_count == 0
+
+
+def test_the_errors_of_every_session_are_estimated_and_named():
+    """A zero of 4 N m in one of two sessions; the other has none."""
+    samples = campaign(seed=3, n=60, noise=0.001)
+    late = np.arange(60) >= 30
+    engine_torque = samples.load_torque / samples.efficiency
+    efficiency = samples.load_torque / (engine_torque + 4.0 * late)
+    samples = replace(samples, efficiency=efficiency)
+    samples = _in_sessions(samples, np.where(late, "night", "day"))
+    diagnosis = diagnose(BASE, samples, noise=0.001)
+    errors = diagnosis.to_dict()["shared_errors"]
+    zeros = {}
+    for item in errors:
+        assert item["standard_deviation"] <= 1.01 * item["expected"]
+        if item["error"] == "zero of the engine meter":
+            zeros[item["session"]] = item
+    assert zeros.keys() == {"day", "night"}
+    difference = zeros["night"]["value"] - zeros["day"]["value"]
+    assert difference == pytest.approx(4.0, abs=1.0)
+    assert {item["unit"] for item in errors} == {"N m", "-"}
+    assert "zero of the engine meter, session night: +" in diagnosis.report()

@@ -145,6 +145,10 @@ def test_measured_and_expected_gap_count_alike_but_none_below_the_expected():
     low, high = seen.interval
     assert low == pytest.approx(0.75), "the posterior alone"
     assert high == pytest.approx(1.0 - 0.003**2 / 0.02**2), "the errors alone"
+    worse = shrinkage(
+        errors[0], np.full(20, 0.007), *errors[2:], expected=_expected(0.01, 0.005)
+    )
+    assert worse.after**2 == pytest.approx((0.007**2 + 0.005**2) / 2.0)
 
 
 def test_interval_holds_the_uncertainty_of_the_explanation():

@@ -127,6 +127,10 @@ def test_a_fleet_of_logs(recorded):
     answer = json.loads(done.out)
     assert answer["seconds"] == pytest.approx(2.0 * SECONDS, abs=1.0)
     assert len(answer["broken"]) == 1 and "broken.blf" in answer["broken"][0]
+    # What both say is said once.
+    assert len(answer["notes"]) == len(set(answer["notes"])) > 0
+    for note in answer["notes"]:
+        assert note.startswith("2 logs, ") and "a.log to " in note
 
 
 def test_fuel_where_no_torque_is_known(driven, tmp_path):

@@ -1,15 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The same bench samples come out of one recording in every format."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+from hmcvt_core.files.logs.mdf import MdfLog, open_mdf
 
 from . import recordings
 
-pytest.importorskip("asammdf")
+asammdf = pytest.importorskip("asammdf")
 pytest.importorskip("nptdms")
 pytest.importorskip("can")
 pytest.importorskip("cantools")
@@ -161,3 +164,28 @@ def test_rates_are_joined_by_time(folder):
     np.testing.assert_allclose(
         samples.efficiency, whole.efficiency[[0, 1, 3, 4]], rtol=2e-3
     )
+
+
+def test_a_piece_of_a_file_of_many_channels_is_held(tmp_path):
+    """What asammdf returns are views of all channels' records; they must not pile up."""
+    readings = 200_000
+    channels = 20
+    time = 1e-3 * np.arange(readings)
+    signals = [
+        asammdf.Signal(time + number, time, name=f"channel{number}")
+        for number in range(channels)
+    ]
+    path = tmp_path / "wide.mf4"
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append(signals)
+        mdf.save(path, compression=0)
+    del signals
+    count = 0
+    with MdfLog(path, open_mdf(path)) as log:
+        tracemalloc.start()
+        for piece in log.pieces(list(log.channels)):
+            count += sum(len(series.time) for series in piece.values())
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert count == channels * readings
+    assert peak < 3 * path.stat().st_size  # 5 times with views

@@ -121,6 +121,24 @@ def test_a_field_cycle_by_the_stage_and_engine_speed_of_the_node(start_node, run
     )
 
 
+def test_a_mission_by_the_causal_strategy_of_the_node(start_node, run):
+    model, engine, vehicle = (
+        hmcvt.data_path(f"params/{name}.yaml")
+        for name in ("tractor", "engine", "vehicle")
+    )
+    node = start_node(
+        model, engine_file=engine, vehicle_file=vehicle, optimum_hold="output_speed"
+    )
+    process = run(
+        *("--namespace", node.namespace, "--mission", "ploughing", "--seconds", "20"),
+        script="field_cycle_ros.py",
+    )
+    output, errors = process.communicate(timeout=90)
+    assert process.returncode == 0, errors
+    fuel = dict(re.findall(r"^(\w+) +([\d.]+) ", output, re.MULTILINE))
+    assert float(fuel["node"]) == pytest.approx(float(fuel["causal"]), rel=0.01)
+
+
 def test_without_a_node_it_says_so(run):
     began = time.monotonic()
     process = run("--seconds", "1", "--pretend", "--namespace", "/nobody")

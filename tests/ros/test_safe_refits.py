@@ -85,7 +85,7 @@ def test_extrapolation_names_the_input_and_its_range(node):
 
 
 def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
-    unit = worn(base, 3 * (1.3,))
+    unit = worn(base, 3 * (1.2,))
     samples = campaign(unit, 20, 0)
     low = 0.30 * (np.arange(20) == 4)
     send_table(node, replace(samples, efficiency=samples.efficiency - low))

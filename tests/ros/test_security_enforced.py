@@ -47,6 +47,7 @@ ANSWERS = {
     "hmcvt/model",
     "hmcvt/efficiency_map",
     "diagnostics",
+    "hmcvt/progress",
 }
 LOGS = {"rosout", "parameter_events"}
 MAY_CALL = {
@@ -63,6 +64,8 @@ OF_EVERY_NODE = {
         "set_parameters",
         "set_parameters_atomically",
         "get_type_description",
+        "get_logger_levels",
+        "set_logger_levels",
     )
 }
 

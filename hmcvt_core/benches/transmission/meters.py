@@ -17,11 +17,12 @@ the evidence treat it like any other parameter.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...diagnosis.observations import SESSION, Observations
+from ...diagnosis.observations import SESSION, Observations, SharedError
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
 from .channels import ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED_CHANNEL
@@ -70,12 +71,28 @@ class Sessions:
         phase: time within the session, -1 at its first and 1 at its last sample, shape (n,); zero
             where nothing tells the order of the samples.
         direction: 1 where the torque rose to the sample, -1 where it fell, 0 where unknown, (n,).
+        names: of the sessions: their labels, else their numbers from 1.
     """
 
     index: NDArray[np.intp]
     count: int
     phase: Array
     direction: Array
+    names: tuple[str, ...] = ("1",)
+
+
+class _Meter(NamedTuple):
+    """What a torque meter does to the readings.
+
+    Attributes:
+        name: of the shaft that it sits on.
+        range: largest torque that it is made for [N m].
+        change: change of every channel by a zero of the whole range, shape (channels, n).
+    """
+
+    name: str
+    range: float
+    change: Array
 
 
 def sessions_of(samples: BenchSamples) -> Sessions:
@@ -87,8 +104,11 @@ def sessions_of(samples: BenchSamples) -> Sessions:
     n = len(samples)
     labels = samples.extra.get("session")
     stamp = samples.stamp
+    names: tuple[str, ...] = ()
     if labels is not None:
-        index = np.unique(np.array(labels), return_inverse=True)[1].ravel()
+        distinct, index = np.unique(np.array(labels), return_inverse=True)
+        index = index.ravel()
+        names = tuple(str(label) for label in distinct)
     elif stamp is not None:
         index = _by_pauses(stamp)
     else:
@@ -96,6 +116,10 @@ def sessions_of(samples: BenchSamples) -> Sessions:
         return Sessions(np.zeros(n, dtype=np.intp), 1, zeros, zeros)
     index = np.minimum(index, MOST_SESSIONS - 1)
     count = int(index.max()) + 1
+    if not names:
+        names = tuple(str(number + 1) for number in range(count))
+    if len(names) > count:
+        names = (*names[: count - 1], f"{names[count - 1]} and others")
     time = np.arange(n, dtype=float) if stamp is None else stamp
     phase = np.zeros(n)
     direction = np.zeros(n)
@@ -106,7 +130,7 @@ def sessions_of(samples: BenchSamples) -> Sessions:
         if stamp is not None:
             steps = np.diff(samples.load_torque[in_order])
             direction[in_order[1:]] = np.sign(steps)
-    return Sessions(index, count, phase, direction)
+    return Sessions(index, count, phase, direction, names)
 
 
 def _by_pauses(stamp: Array) -> NDArray[np.intp]:
@@ -139,9 +163,10 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     sessions = sessions_of(observed.samples)
     slopes = _slopes_by_load(observed, system)
     efficiency, speed_ratio = _without_noise(observed, system)
-    engine, output = _changes_by_zero(observed, efficiency, speed_ratio, slopes)
-    gain = np.zeros_like(engine)
+    meters = _meters(observed, efficiency, speed_ratio, slopes)
+    gain = np.zeros_like(observed.measured)
     gain[0] = efficiency
+    errors = []
     columns = []
     number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
@@ -149,27 +174,39 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
         if inside.sum() < LEAST_SESSION_SAMPLES:
             continue
         number[inside] = session
-        of_time = inside * sessions.phase
-        columns.append(inside * ZERO_DEVIATION * engine)
-        columns.append(inside * ZERO_DEVIATION * output)
+        name = sessions.names[session]
+        for meter in meters:
+            errors.append(_error_of("zero", meter, ZERO_DEVIATION, name))
+            columns.append(inside * ZERO_DEVIATION * meter.change)
+        errors.append(SharedError("gain of the meters", name, GAIN_DEVIATION, "-"))
         columns.append(inside * GAIN_DEVIATION * gain)
-        columns.append(of_time * DRIFT_DEVIATION * engine)
-        columns.append(of_time * DRIFT_DEVIATION * output)
-    columns.append(sessions.direction * HYSTERESIS_DEVIATION * engine)
-    columns.append(sessions.direction * HYSTERESIS_DEVIATION * output)
-    present = [column for column in columns if column.any()]
+        of_time = inside * sessions.phase
+        for meter in meters:
+            errors.append(_error_of("half the drift", meter, DRIFT_DEVIATION, name))
+            columns.append(of_time * DRIFT_DEVIATION * meter.change)
+    for meter in meters:
+        errors.append(_error_of("half the hysteresis", meter, HYSTERESIS_DEVIATION, ""))
+        columns.append(sessions.direction * HYSTERESIS_DEVIATION * meter.change)
+    present = [i for i, column in enumerate(columns) if column.any()]
     points = observed.points
     if sessions.count > 1:
         points = {**points, SESSION: number}
     shared_errors = None
     if present:
-        shared_errors = np.stack(present, axis=-1)
+        shared_errors = np.stack([columns[i] for i in present], axis=-1)
     return replace(
         observed,
         points=points,
         deviation=_with_load_noise(observed, slopes),
         shared_errors=shared_errors,
+        shared_names=tuple(errors[i] for i in present),
     )
+
+
+def _error_of(kind: str, meter: _Meter, part: float, session: str) -> SharedError:
+    """Describe an error of a meter whose prior deviation is a part of its range."""
+    name = f"{kind} of the {meter.name} meter"
+    return SharedError(name, session, part * meter.range, "N m")
 
 
 def _with_load_noise(observed: Observations, slopes: Array) -> Array:
@@ -206,19 +243,16 @@ def _without_noise(observed: Observations, system: System) -> tuple[Array, Array
     return efficiency, np.where(answered, np.abs(speed_ratio), 1.0)
 
 
-def _changes_by_zero(
+def _meters(
     observed: Observations, efficiency: Array, speed_ratio: Array, slopes: Array
-) -> tuple[Array, Array]:
-    """Return the change of every channel by a zero of the whole range of each torque meter.
+) -> tuple[_Meter, _Meter]:
+    """Return the torque meters of engine and output; no change without an answer.
 
     Args:
         observed: of bench samples.
         efficiency: without noise, shape (n,).
         speed_ratio: output speed / engine speed without noise, shape (n,).
         slopes: derivatives of the channels by the load, shape (channels, n).
-
-    Returns:
-        For the engine's and for the output's meter, shape (channels, n); zero without an answer.
     """
     load = observed.points[LOAD_TORQUE.name]
     engine = np.zeros_like(observed.measured)
@@ -231,7 +265,10 @@ def _changes_by_zero(
         output[0] += efficiency / load
     engine_range = RANGE_MARGIN * _largest(engine_torque)
     output_range = RANGE_MARGIN * _largest(output_torque)
-    return _finite(engine_range * engine), _finite(output_range * speed_ratio * output)
+    return (
+        _Meter("engine", engine_range, _finite(engine_range * engine)),
+        _Meter("output", output_range, _finite(output_range * speed_ratio * output)),
+    )
 
 
 def _slopes_by_load(observed: Observations, system: System) -> Array:

@@ -158,7 +158,12 @@ def _left_out_errors(
         left_out.append(gram(model.columns[:, fold], model.target[:, fold]))
     kept = whole - np.stack(left_out)
     posterior = model_evidence(
-        kept, kept_count, model.spread, observed.prior_dof, model.signs
+        kept,
+        kept_count,
+        model.spread,
+        observed.prior_dof,
+        model.signs,
+        np.tile(model.noise, (len(folds), 1)),
     )
     # Squares of each column, over all channels.
     all_squares = np.einsum("cpp->p", whole)[:-1]

@@ -72,6 +72,7 @@ def model_evidence(
     spread: Array,
     prior_dof: Array,
     signs: Array | None = None,
+    start_noise: Array | None = None,
 ) -> ModelEvidence:
     """Return the evidence and posterior of m linear models.
 
@@ -82,6 +83,8 @@ def model_evidence(
         prior_dof: prior degrees of freedom of the stated noise, shape (channels,).
         signs: of the coefficients that are sizes of effects and have a moment prior, as in
             `Hypothesis.signs`, shape (p,) or (m, p). If None no coefficient has one.
+        start_noise: variance of each channel near the solution, shape (m, channels); that stated
+            if None.
     """
     square = grams[..., :-1, :-1]
     cross = grams[..., :-1, -1]
@@ -90,7 +93,7 @@ def model_evidence(
     p = spread.shape[-1]
     diagonal = np.arange(p)
     flat_square = square.reshape(*total.shape, p * p)
-    noise = np.ones(total.shape)
+    noise = np.ones(total.shape) if start_noise is None else start_noise
     # Fixed point of the noise variances, given the posterior of the coefficients.
     for _ in range(NOISE_ROUNDS):
         weights = 1.0 / noise[:, None]
@@ -153,10 +156,11 @@ def fitted_model(
     log_variance = np.zeros(groups)
     effective = np.zeros(groups)
     signs = np.full(len(prior_spread), np.nan)
+    noise = np.ones(len(grams))
     for _ in range(AMPLITUDE_ROUNDS):
         spread = _with_amplitudes(prior_spread, group, log_variance)
         evidence, mean, covariance, noise = _single_evidence(
-            grams, len(observed), spread, observed.prior_dof
+            grams, len(observed), spread, observed.prior_dof, noise
         )
         precision = spread[in_group] ** -2.0
         determined = 1.0 - np.diagonal(covariance)[in_group] * precision
@@ -193,10 +197,12 @@ def _with_amplitudes(
 
 
 def _single_evidence(
-    grams: Array, count: int, spread: Array, prior_dof: Array
+    grams: Array, count: int, spread: Array, prior_dof: Array, start_noise: Array
 ) -> tuple[float, Array, Array, Array]:
     """Return `model_evidence` of one model."""
-    posterior = model_evidence(grams[None], count, spread, prior_dof)
+    posterior = model_evidence(
+        grams[None], count, spread, prior_dof, start_noise=start_noise[None]
+    )
     log_evidence, mean, covariance, noise = (part[0] for part in posterior)
     return float(log_evidence), mean, covariance, noise
 

@@ -40,6 +40,7 @@ class Diagnosis(Outcome):
             "parameters": {
                 name: _fields(estimate) for name, estimate in self.parameters.items()
             },
+            "shared_errors": [_fields(item) for item in self.shared_errors],
             "seed": self.seed,
         }
         return dict(json.loads(json.dumps(data)))

@@ -173,6 +173,27 @@ class ParameterEstimate:
     unit: str
 
 
+@dataclass(frozen=True)
+class SharedErrorEstimate:
+    """An error that readings share, as of a meter in one session.
+
+    Attributes:
+        error: what is off, in words.
+        session: name of the session; empty where all readings share it.
+        value: posterior mean, over all explanations of the readings.
+        standard_deviation: of the posterior.
+        expected: standard deviation before any reading, by the class of the meter.
+        unit: of the three.
+    """
+
+    error: str
+    session: str
+    value: float
+    standard_deviation: float
+    expected: float
+    unit: str
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """Outcome of a diagnosis; `Diagnosis` adds text, plain data and a picture.
@@ -205,6 +226,7 @@ class Outcome:
         base_parameters: of the refitted base model, by name.
         parameters: of `model`, by name.
         seed: of every random number.
+        shared_errors: errors of the meters that readings share, session by session.
     """
 
     gap: Gap
@@ -232,6 +254,7 @@ class Outcome:
     base_parameters: Mapping[str, ParameterEstimate]
     parameters: Mapping[str, ParameterEstimate]
     seed: int = 0
+    shared_errors: tuple[SharedErrorEstimate, ...] = ()
 
     @property
     def alive(self) -> Posterior:

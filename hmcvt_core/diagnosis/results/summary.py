@@ -10,7 +10,7 @@ import numpy as np
 from ..detection.regions import covering
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
-from ..selection.posterior import Posterior
+from ..selection.posterior import Posterior, Weighted
 from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     INTERVAL_DEVIATIONS,
@@ -24,7 +24,14 @@ from ..settings import (
 )
 from ..system import Array, BaseParameters, Effect
 from .analysis import Analysis, model_of, parameter_covariance, rms
-from .outcome import NAMING, Cause, CauseSet, ParameterEstimate, Region
+from .outcome import (
+    NAMING,
+    Cause,
+    CauseSet,
+    ParameterEstimate,
+    Region,
+    SharedErrorEstimate,
+)
 from .shrinkage import CrossValidation
 
 
@@ -245,3 +252,44 @@ def lost_power_of(analysis: Analysis, verdict: str) -> float:
     answered = np.isfinite(gap)
     large = np.abs(gap) >= rms(gap[answered])
     return float(np.mean(lost[answered & large]))
+
+
+def shared_errors_of(analysis: Analysis) -> tuple[SharedErrorEstimate, ...]:
+    """Return the errors that readings share, averaged over the explanations of the readings."""
+    errors = analysis.base.observed.shared_names
+    if not errors:
+        return ()
+    mean, deviation = _posterior_of_shared_errors(analysis)
+    estimates = []
+    for i, error in enumerate(errors):
+        estimates.append(
+            SharedErrorEstimate(
+                error=error.name,
+                session=error.session,
+                value=float(mean[i]) * error.deviation,
+                standard_deviation=float(deviation[i]) * error.deviation,
+                expected=error.deviation,
+                unit=error.unit,
+            )
+        )
+    return tuple(estimates)
+
+
+def _posterior_of_shared_errors(analysis: Analysis) -> tuple[Array, Array]:
+    """Return mean and standard deviation of the shared errors, in their prior deviations, (m,).
+
+    Without a gap they are those of the base model alone.
+    """
+    posterior = analysis.posterior
+    entries: tuple[Weighted, ...] = ((posterior.base_only, 1.0),)
+    if analysis.significant:
+        entries = posterior.relevant.entries
+    shared = posterior.base_only.fit.hypothesis.shared
+    weights = np.array([probability for _, probability in entries])
+    means = np.stack([explanation.model.mean[shared] for explanation, _ in entries])
+    variances = []
+    for explanation, _ in entries:
+        variances.append(np.diagonal(explanation.model.covariance)[shared])
+    mean = weights @ means
+    variance = weights @ (np.stack(variances) + (means - mean) ** 2)
+    return mean, np.sqrt(variance)

@@ -25,7 +25,7 @@ from ..wording import percent as percent
 from ..wording import plain as plain
 from ..wording import probability as probability
 from ..wording import wrapped as wrapped
-from .outcome import Cause, Outcome, Region
+from .outcome import Cause, Outcome, Region, SharedErrorEstimate
 from .sentences import amount as amount
 from .sentences import fraction_interval as fraction_interval
 from .sentences import mechanic as mechanic
@@ -40,6 +40,8 @@ DETAILED_CAUSES = 3
 """Causes that are described in full; the page has all."""
 REPORTED_DRIFT = 2.0
 """Standard errors from which a drift of a base parameter is worth a line."""
+REPORTED_ERROR = 2.0
+"""Standard deviations from which an error of a meter is worth a line."""
 MARGIN = 11
 """Columns of the titles of a report, by which wrapped lines are indented."""
 
@@ -56,6 +58,7 @@ def report(outcome: Outcome) -> str:
         *_region_lines(outcome),
         *_stage_lines(outcome),
         *_cause_lines(outcome),
+        *_meter_lines(outcome),
         *_test_lines(outcome),
     ]
     notes = outcome.notes[len(outcome.warnings) :]
@@ -77,12 +80,16 @@ def _gap_lines(outcome: Outcome) -> list[str]:
     shrinkage = outcome.shrinkage
     before = amount(outcome, shrinkage.before)
     after = amount(outcome, shrinkage.after)
+    refitted = "refitted model"
+    if outcome.shared_errors:
+        # The gap counts what the errors of the meters could hide; these residuals do not.
+        refitted = "model and meters, both refitted,"
     lines = [
         f"gap        {gap.samples} samples, {before} rms beyond the noise, "
         f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
         f"noise      {amount(outcome, gap.noise)}; before the fit "
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
-        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples left out",
+        f"error      {amount(outcome, gap.rmse)} rms of the {refitted} at samples left out",
     ]
     if shrinkage.fraction is not None:
         grows = ", where it grows" if shrinkage.fraction < 0.0 else ""
@@ -169,6 +176,40 @@ def _cause_lines(outcome: Outcome) -> list[str]:
     if others:
         lines.append(f"  less probable: {', '.join(others)}")
     return lines
+
+
+def _meter_lines(outcome: Outcome) -> list[str]:
+    """Return a line for each error of a meter that the readings show."""
+    lines: list[str] = []
+    for estimate in outcome.shared_errors:
+        if abs(estimate.value) > REPORTED_ERROR * estimate.standard_deviation:
+            title = "" if lines else "meters"
+            session = f", session {estimate.session}" if estimate.session else ""
+            value, deviation, unit = error_in_words(estimate)
+            lines.append(
+                f"{title:<{MARGIN}}{estimate.error}{session}: {value} +- {deviation} {unit}"
+            )
+    return lines
+
+
+def error_in_words(estimate: SharedErrorEstimate) -> tuple[str, str, str]:
+    """Return value, standard deviation and unit of an error of a meter, a part in percent."""
+    factor, unit = _printed_unit(estimate)
+    value = f"{factor * estimate.value:+.2g}"
+    return value, f"{factor * estimate.standard_deviation:.2g}", unit
+
+
+def expected_in_words(estimate: SharedErrorEstimate) -> str:
+    """Return the deviation of an error of a meter before any reading."""
+    factor, unit = _printed_unit(estimate)
+    return f"{factor * estimate.expected:.2g} {unit}"
+
+
+def _printed_unit(estimate: SharedErrorEstimate) -> tuple[float, str]:
+    """Return the factor to the printed number and its unit: parts are percent."""
+    if estimate.unit == "-":
+        return 100.0, "%"
+    return 1.0, estimate.unit
 
 
 def _one_cause(cause: Cause) -> list[str]:

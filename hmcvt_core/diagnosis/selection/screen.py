@@ -176,12 +176,20 @@ def _gains(
     of_forms = Hypothesis(hypothesis.system, forms, reversed_sign)
     all_signs = np.append(hypothesis.signs, of_forms.signs[of_forms.base_count :])
     log_evidence = []
+    noise = np.tile(without.noise, (len(combinations), 1))
     for scale in SIZE_SPREADS:
         extended = np.append(spread, np.full(count, scale))
         posterior = model_evidence(
-            grams, len(observed), extended, observed.prior_dof, all_signs[columns]
+            grams,
+            len(observed),
+            extended,
+            observed.prior_dof,
+            all_signs[columns],
+            noise,
         )
         log_evidence.append(posterior.log_evidence)
+        # The noise hardly depends on the scale, so the next one starts from here.
+        noise = posterior.noise
     return np.asarray(log_mean(log_evidence) - without.log_evidence)
 
 

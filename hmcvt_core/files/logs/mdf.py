@@ -17,12 +17,12 @@ import numpy as np
 from ...errors import InputError
 from .can_files import BATCH
 from .series import (
-    PIECE_READINGS,
     Channel,
     Log,
     Remarks,
     Series,
     in_windows,
+    piece_readings,
     rising,
 )
 from .signals import BYTES, Frames
@@ -246,12 +246,13 @@ class MdfLog(Log):
         """Yield the readings of channels in pieces, see `Log`."""
         self._read = 0
         self._total = 1
+        size = piece_readings(len(names))
         streams = {}
         for name in names:
             self.channel(name)
             number, _ = self._positions[name]
             self._total += self._mdf.groups[number].channel_group.cycles_nr
-            streams[name] = self._stream(name)
+            streams[name] = self._stream(name, size)
         yield from in_windows(streams)
 
     def progress_of(self) -> float:
@@ -262,18 +263,14 @@ class MdfLog(Log):
         """Close the file."""
         self._mdf.close()
 
-    def _stream(self, name: str) -> Iterator[Series]:
+    def _stream(self, name: str, size: int) -> Iterator[Series]:
         number, index = self._positions[name]
         count = self._mdf.groups[number].channel_group.cycles_nr
         last = -math.inf
-        for offset in range(0, count, PIECE_READINGS):
+        for offset in range(0, count, size):
+            records = min(size, count - offset)
             try:
-                signal = self._mdf.get(
-                    group=number,
-                    index=index,
-                    record_offset=offset,
-                    record_count=min(PIECE_READINGS, count - offset),
-                )
+                series = self._readings(number, index, offset, records)
             except Exception as error:  # of a damaged block, of many kinds
                 words = " ".join(str(error).split()) or type(error).__name__
                 self.remarks.add(
@@ -283,15 +280,28 @@ class MdfLog(Log):
                     0,
                 )
                 return
-            self._read += len(signal.samples)
-            values = _values(signal.samples)
-            if values is None:
+            self._read += records
+            if series is None:
                 return
-            series = Series(np.asarray(signal.timestamps, dtype=float), values)
             series = rising(series, last, self.remarks, name)
             if len(series.time):
                 last = float(series.time[-1])
                 yield series
+
+    def _readings(
+        self, group: int, channel: int, offset: int, count: int
+    ) -> Series | None:
+        """Return readings of a channel; None for arrays and structures.
+
+        What asammdf returns are views of the records of all channels: only copies leave.
+        """
+        signal = self._mdf.get(
+            group=group, index=channel, record_offset=offset, record_count=count
+        )
+        values = _values(signal.samples)
+        if values is None:
+            return None
+        return Series(np.array(signal.timestamps, dtype=float), values)
 
 
 def _values(samples: Any) -> Any:

@@ -15,8 +15,10 @@ import numpy as np
 from ...errors import InputError
 from ...transmission.ranges import Array
 
-PIECE_READINGS = 250_000
-"""Readings of one channel that are held at a time; 2 MB for each column of numbers."""
+_HELD_READINGS = 2_000_000
+"""Readings of all channels that are held at a time; 32 MB of times and numbers."""
+_LARGEST_PIECE = 250_000
+_SMALLEST_PIECE = 10_000
 
 FEWEST_READINGS = 20
 """Readings from which a share of them says something of a channel."""
@@ -38,6 +40,24 @@ class Series(NamedTuple):
     def between(self, first: int, last: int) -> Series:
         """Return the readings first to last - 1."""
         return Series(self.time[first:last], self.values[first:last])
+
+    def thinned(self, step: float) -> Series:
+        """Return every n-th reading, not more often than every step [s] on average."""
+        if len(self.time) < 2:
+            return self
+        usual = float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+        stride = max(1, int(step / usual))
+        return Series(self.time[::stride].copy(), self.values[::stride].copy())
+
+
+def piece_readings(channels: int) -> int:
+    """Return how many readings of each channel are held at a time.
+
+    Args:
+        channels: how many are read side by side.
+    """
+    share = _HELD_READINGS // max(channels, 1)
+    return min(max(share, _SMALLEST_PIECE), _LARGEST_PIECE)
 
 
 def joined_series(parts: Sequence[Series]) -> Series:

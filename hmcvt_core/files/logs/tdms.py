@@ -17,7 +17,7 @@ from ...errors import InputError
 from ...transmission.ranges import Array
 from ..tables.rules import meaning_of
 from ..tables.units import to_si
-from .series import PIECE_READINGS, Channel, Log, Series, in_windows, rising
+from .series import Channel, Log, Series, in_windows, piece_readings, rising
 
 SUFFIXES = (".tdms",)
 _START = b"TDSm"
@@ -106,11 +106,12 @@ class TdmsLog(Log):
         """Yield the readings of channels in pieces, see `Log`."""
         self._read = 0
         self._total = 1
+        size = piece_readings(len(names))
         streams = {}
         for name in names:
             self.channel(name)
             self._total += len(self._objects[name])
-            streams[name] = self._stream(name)
+            streams[name] = self._stream(name, size)
         yield from in_windows(streams)
 
     def progress_of(self) -> float:
@@ -121,12 +122,12 @@ class TdmsLog(Log):
         """Close the file."""
         self._file.close()
 
-    def _stream(self, name: str) -> Iterator[Series]:
+    def _stream(self, name: str, size: int) -> Iterator[Series]:
         channel = self._objects[name]
         clock = self._clock_of(channel)
         last = -math.inf
-        for offset in range(0, len(channel), PIECE_READINGS):
-            count = min(PIECE_READINGS, len(channel) - offset)
+        for offset in range(0, len(channel), size):
+            count = min(size, len(channel) - offset)
             try:
                 values = np.asarray(channel.read_data(offset=offset, length=count))
                 time = _times(channel, clock, offset, count)

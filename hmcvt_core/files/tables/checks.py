@@ -51,6 +51,8 @@ _FRACTION = 0.0105
 """Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
 _NEUTRAL = 0.003
 """Stroke within which a pump that is held in neutral stays."""
+_LARGE = 0.105
+"""Stroke that some test exceeds where others are fractions taken for percent; ten times those."""
 _FEWEST_IN_BLOCK = 3
 _HOTTEST_OIL = 130.0
 """Oil temperature in deg C that some test of a bench stays below; 54 deg C are 130 deg F."""
@@ -223,17 +225,27 @@ def implausible(
     return problems
 
 
+def changing_strokes(strokes: Array) -> list[str]:
+    """Return whether strokes at an end of a table seem to be fractions taken for percent.
+
+    Args:
+        strokes: displacement ratios of all rows in their order, those included that miss another
+            value, shape (n,).
+    """
+    small = _small_block(strokes[np.isfinite(strokes)])
+    if not small:
+        return []
+    return [
+        f"displacement_ratio is at most {_FRACTION} in {small} tests in a row and large in "
+        "the others: does its unit change within the table?"
+    ]
+
+
 def _mixed_units(
     values: Mapping[str, Array], columns: Mapping[str, Column]
 ) -> list[str]:
     """Return which columns seem to be of two units, or of another one than was taken."""
     problems = []
-    small = _small_block(values["displacement_ratio"])
-    if small:
-        problems.append(
-            f"displacement_ratio is at most {_FRACTION} in {small} tests in a row and large in "
-            "the others: does its unit change within the table?"
-        )
     speeds = np.sort(values["engine_speed"][values["engine_speed"] > 0.0])
     if len(speeds) > 1:
         steps = speeds[1:] / speeds[:-1]
@@ -279,7 +291,7 @@ def _small_block(stroke: Array) -> int:
     A sensor reads near zero in neutral, but not all values up to 1 %.
     """
     size = np.abs(stroke)
-    if len(size) < 2 * _FEWEST_IN_BLOCK or size.max() < 0.5:
+    if len(size) < 2 * _FEWEST_IN_BLOCK or size.max() < _LARGE:
         return 0
     for ordered in (size, size[::-1]):
         large = np.flatnonzero(ordered > _FRACTION)

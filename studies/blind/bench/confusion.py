@@ -30,6 +30,8 @@ _DRIFT = 0.0003 / np.sqrt(3.0)
 #: Relative deviation of a ratio of speeds where the bench has no scatter, and of the efficiency.
 _LEAST_SPEED = 2e-5
 _LEAST_EFFICIENCY = 1e-5
+#: Square below which an effect leaves nothing.
+_LEAST_SQUARE = 1e-12
 #: Shapes of each listed effect that may imitate, and their size.
 _SHAPES = 4
 _SMALL = 0.1
@@ -59,10 +61,17 @@ def confusion_of(campaign: Campaign) -> Confusion:
     members = look.remaining(look.members())
     gram = members.T @ members
     scale = np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
-    cosines = (gram / scale) ** 2 - np.eye(len(gram))
-    # The Schur complement: what the other effects do not give as well.
-    left = 1.0 / np.diag(np.linalg.inv(gram))
-    return Confusion(tuple(left.tolist()), float(np.max(cosines)), look.beyond(members))
+    cosines = (gram / np.maximum(scale, _LEAST_SQUARE)) ** 2
+    np.fill_diagonal(cosines, 0.0)
+    left = tuple(_left_of(members, i) for i in range(len(gram)))
+    return Confusion(left, float(np.max(cosines)), look.beyond(members))
+
+
+def _left_of(members: FloatArray, i: int) -> float:
+    """Return the square of one effect that the other effects do not give as well."""
+    others = np.delete(members, i, axis=1)
+    shares, *_ = np.linalg.lstsq(others, members[:, i], rcond=None)
+    return float(np.sum((members[:, i] - others @ shares) ** 2))
 
 
 class _Look:

@@ -72,14 +72,15 @@ def run(
     """
     records: dict[str, Record] = {}
     with Processes(jobs) as pool:
-        waiting = {pool.submit(_judged, case): case.key for case in work}
+        waiting = {pool.submit(judged, case): case.key for case in work}
         for future in as_completed(waiting):
             records[waiting[future]] = future.result()
             progress(f"{len(records)} of {len(work)} campaigns")
     return [records[case.key] for case in work]
 
 
-def _judged(case: Case) -> Record:
+def judged(case: Case) -> Record:
+    """Return the record of a campaign, or why there is none under `error`."""
     try:
         return judge(case)
     except InputError as error:
