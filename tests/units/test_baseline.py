@@ -13,14 +13,21 @@ from hmcvt_core.files.units import UnitSamples
 from .bench import CM3, LEAKAGE, TURN, grid
 
 
-def pump(seed, further=0.0):
-    """Flow tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`."""
+def pump(seed, further=0.0, rubbing=None):
+    """Tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`.
+
+    Where `rubbing` is a constant torque [N m], the torque is read too.
+    """
     speed, pressure = grid(6)
     w, p = speed * TURN / 60.0, pressure * 1e5
     size = CM3 * 1e-6 / TURN
     noise = 0.004 * size * w * np.random.default_rng(seed).standard_normal(len(w))
     lost = (1.0 + further) * LEAKAGE * p + noise
-    return UnitSamples("pump", size, np.ones(len(w)), w, p, lost, None, noise=0.004)
+    torque = None
+    if rubbing is not None:
+        scatter = np.random.default_rng([seed, 1]).standard_normal(len(w))
+        torque = 0.05 * w + 0.03 * size * p + rubbing + 0.004 * size * p * scatter
+    return UnitSamples("pump", size, np.ones(len(w)), w, p, lost, torque, noise=0.004)
 
 
 def test_sound_against_sound_and_grown_leakage():
@@ -28,6 +35,13 @@ def test_sound_against_sound_and_grown_leakage():
     worn = diagnose_unit(pump(3, further=2.0), baseline=pump(2)).to_dict()
     assert worn["verdict"] in ("cause_found", "ambiguous")
     assert worn["baseline"]["control"]["verdict"] == "no_gap"
+
+
+def test_a_change_of_the_torque_alone_is_named():
+    answer = diagnose_unit(pump(1, rubbing=9.0), baseline=pump(2, rubbing=4.0))
+    assert answer.diagnosis.verdict in ("cause_found", "ambiguous")
+    assert answer.component == "pump"
+    assert answer.diagnosis.sets[0].effects == ("constant_torque",)
 
 
 def test_wrong_baselines_are_named():

@@ -26,6 +26,20 @@ NEGLIGIBLE_SIZE = 1e-3
 
 No bench shows a thousandth of a typical loss.
 """
+FLOW_HOOKS = (
+    "leakage_flow",
+    "true_displacement_ratio",
+    "stroke_lag",
+    "viscosity_ratio",
+)
+TORQUE_HOOKS = (
+    "pump_drag",
+    "motor_drag",
+    "true_displacement_ratio",
+    "stroke_lag",
+    "film_viscosity_ratio",
+)
+"""Hooks by which an effect changes the flow and the torque of a unit."""
 
 
 def refuse_contradicted(diagnosis: Diagnosis) -> Diagnosis:
@@ -36,7 +50,12 @@ def refuse_contradicted(diagnosis: Diagnosis) -> Diagnosis:
     """
     if diagnosis.verdict not in NAMING or not diagnosis.causes:
         return diagnosis
-    reason = _contradiction(leading_effects(diagnosis), diagnosis.shrinkage.fraction)
+    effects = leading_effects(diagnosis)
+    reason = _contradicting_size(effects)
+    if reason is None and _worsens(diagnosis, effects):
+        reason = (
+            "samples left out are predicted worse with the leading set than without"
+        )
     if reason is None:
         return diagnosis
     leading = diagnosis.sets[0]
@@ -72,12 +91,11 @@ def leading_effects(diagnosis: Diagnosis) -> tuple[Any, ...]:
     return tuple(effect for effect in model.effects if effect.name in names)
 
 
-def _contradiction(effects: Sequence[Any], shrinkage: float | None) -> str | None:
-    """Say what contradicts a set of effects, or return None.
+def _contradicting_size(effects: Sequence[Any]) -> str | None:
+    """Say which size is zero or at its physical bound, or return None.
 
     Args:
-        effects: of the set, as fitted.
-        shrinkage: part of the squared gap that is removed at samples left out, or None.
+        effects: of the leading set, as fitted.
     """
     for effect in effects:
         size = effect.sizes()[0]
@@ -91,6 +109,22 @@ def _contradiction(effects: Sequence[Any], shrinkage: float | None) -> str | Non
                 f"{plain(effect.name)} is at the bound of its size, {value:.3g} {size.unit}, "
                 "beyond which it is not physical"
             )
-    if shrinkage is not None and shrinkage < 0.0:
-        return "samples left out are predicted worse with the leading set than without"
     return None
+
+
+def _worsens(diagnosis: Diagnosis, effects: Sequence[Any]) -> bool:
+    """Return whether effects make the prediction of samples left out worse.
+
+    The shrinkage is that of the first channel, so it says nothing of effects that leave that
+    channel as it is.
+
+    Args:
+        diagnosis: of a unit, or of a change of one.
+        effects: of the leading set.
+    """
+    shrinkage = diagnosis.shrinkage.fraction
+    if shrinkage is None or shrinkage >= 0.0:
+        return False
+    of_flow = diagnosis.channel.name in ("flow_loss", "drain_flow")
+    hooks = FLOW_HOOKS if of_flow else TORQUE_HOOKS
+    return any(effect.acts_at(*hooks) for effect in effects)
