@@ -116,6 +116,9 @@ def test_where_it_lies():
         ),
     ):
         assert words.verdict(replace(found, where=(region,))).startswith(start)
+    # The largest region need not be the significant one.
+    regions = (_region((200.0, 230.0), p_value=0.06), _region((80.0, 110.0)))
+    assert "at low engine speed" in words.verdict(replace(found, where=regions))
 
 
 def test_verdicts():

@@ -14,7 +14,7 @@ from ..design.advice import Advice, NextTest
 from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import SESSION, Observations
 from ..selection.posterior import Posterior
-from ..settings import UNEXPLAINED_PROBABILITY
+from ..settings import REGION_SIGNIFICANCE, UNEXPLAINED_PROBABILITY
 from ..system import Array, Axis, Channel
 
 NAMING = ("cause_found", "ambiguous")
@@ -255,6 +255,14 @@ class Outcome:
     parameters: Mapping[str, ParameterEstimate]
     seed: int = 0
     shared_errors: tuple[SharedErrorEstimate, ...] = ()
+
+    @property
+    def significant_region(self) -> Region | None:
+        """The first of `where` that is significant by itself; None where none is."""
+        for region in self.where:
+            if region.p_value <= REGION_SIGNIFICANCE:
+                return region
+        return None
 
     @property
     def alive(self) -> Posterior:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from ..design.advice import named
 from ..design.classes import with_probabilities
-from ..settings import REGION_SIGNIFICANCE
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain
 from .outcome import Outcome, Region
@@ -119,9 +118,9 @@ def _difference(outcome: Outcome) -> str:
     """Say how far bench and model differ, and where most."""
     size = amount(outcome, outcome.shrinkage.before)
     beyond = f"Bench and model differ by {size} beyond the noise"
-    if not outcome.where or outcome.where[0].p_value > REGION_SIGNIFICANCE:
+    region = outcome.significant_region
+    if region is None:
         return f"{beyond}, and no single region stands out"
-    region = outcome.where[0]
     words = region_words(region, outcome)
     if region.channel != outcome.channel.name:
         at = f" at {words}" if words else ""

@@ -11,7 +11,7 @@ from typing import Any
 from ..design.advice import Advice, NextTest, point_in_words
 from ..design.advice import named as named
 from ..design.classes import with_probabilities
-from ..settings import GAP_SIGNIFICANCE, REGION_SIGNIFICANCE
+from ..settings import GAP_SIGNIFICANCE
 from ..system import Array
 from ..wording import AT_MOST as AT_MOST
 from ..wording import MINUS as MINUS
@@ -113,7 +113,7 @@ def _region_lines(outcome: Outcome) -> list[str]:
     first, *others = table
     lines = [f"where      {first}"]
     lines += [f"           {line}" for line in others]
-    if outcome.where[0].p_value > REGION_SIGNIFICANCE:
+    if outcome.significant_region is None:
         lines.append(
             "           no region is significant by itself: the gap shows in the samples "
             "as a whole"
