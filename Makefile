@@ -3,6 +3,7 @@
 #
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
 #   make test    all tests, the ones over ROS 2 included
+#   make test-long  the tests of further campaigns, which take a few minutes more
 #   make lint types    what CI checks besides
 #   make format  lay out all code as `make lint` wants it
 #   make oldest  the tests of core, diagnosis, units and commands on the oldest versions that
@@ -37,7 +38,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types format oldest colcon soak bench real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-long lint types format oldest colcon soak bench real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -50,12 +51,15 @@ test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest $(SHARED) auto --ignore=tests/ros --ignore=tests/soak
+	$(BIN)/python -m pytest $(SHARED) auto -m 'not long' --ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
 	$(BIN)/python -m pytest $(SHARED) $$((2 * $$(nproc))) tests/ros
 	$(BIN)/python -m pytest tests/soak
 endif
 endif
+
+test-long: $(VENV)/.dev system
+	$(BIN)/python -m pytest $(SHARED) auto -m long
 
 # The pages are tested in a real browser, the SROS2 policy by a DDS that has security (the one in the
 # ROS wheels has none); these two come from apt.

@@ -102,6 +102,7 @@ def test_errors_are_one_line(tmp_path, monkeypatch, words, message):
     assert isinstance(ended.value.code, str) and "\n" not in ended.value.code
 
 
+@pytest.mark.long
 def test_next_test(tmp_path):
     out = printed("next_test.py", tmp_path)
     page = (ROOT / "docs" / "next-test.md").read_text(encoding="utf-8")

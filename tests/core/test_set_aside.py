@@ -54,6 +54,7 @@ def test_one_bad_sample_is_named_and_does_not_count(hm4, reading):
     assert "\n       8  " not in fit.report() and "\n       9  " in fit.report()
 
 
+@pytest.mark.long
 def test_standard_errors_mean_what_they_say(hm4):
     """Deviations from the truth, over 20 campaigns with a typo, are those stated."""
     ratios = []

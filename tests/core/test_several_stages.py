@@ -144,6 +144,7 @@ def test_the_gear_train_is_checked_stage_by_stage():
     assert sum("gear train" in line for line in lines) == 2
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_gears_and_a_torque_meter_are_twins_in_one_stage_and_not_in_three():
     """Worse gears and the gain of a meter: HM1 has more pairs than HM4, the meter is the same."""

@@ -105,6 +105,7 @@ def test_unlisted_band_of_speed():
     assert found.model is found.base, "nothing is added to a model on suspicion"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "speed_noise", [0.001, None], ids=["with speed", "efficiency alone"]
 )
@@ -132,6 +133,7 @@ def test_two_effects():
     assert len(found.model.effects) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "other, stroke, exponent, noise, seed, gauge",
     [
@@ -449,6 +451,7 @@ def test_reversed_sign_is_unlisted():
     assert found.verdict == "unexplained"
 
 
+@pytest.mark.long
 def test_next_test_and_stop():
     few = campaign((PlanetaryMesh(0.03),), seed=1, n=8)
     found = hmcvt.next_test(BASE, few, noise=NOISE)
@@ -470,6 +473,7 @@ def test_next_test_and_stop():
     )
 
 
+@pytest.mark.long
 def test_load_refused_by_an_improbable_cause(table2):
     heavy = hmcvt.BenchSamples([-1.0], [78.0], [600.0], [0.7])
     asked = hmcvt.next_test(SHIPPED, table2, noise=0.0085, possible=heavy)

@@ -191,6 +191,7 @@ def test_watts_close_on_every_layout(effect, file, stage, load, points):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     [

@@ -595,6 +595,7 @@ def test_page_and_report_of_several_stages() -> None:
     assert "stages HM3, HM4</h1>" in shown
 
 
+@pytest.mark.long
 def test_the_stage_of_the_next_test_is_named() -> None:
     point = {"displacement_ratio": 0.5, "engine_speed": 150.0, "load_torque": 200.0}
     named = ("charge pump", "bearing drag")

@@ -134,6 +134,7 @@ def test_prediction_of_the_campaign_is_the_fit():
         np.testing.assert_allclose(told.columns, model.columns, atol=1e-6)
 
 
+@pytest.mark.long
 def test_slipping_clutch_is_no_leakage():
     quiet = campaign(seed=3, n=96)
     passed = 1.0 - 1e-4 * np.maximum(quiet.load_torque - 350.0, 0.0)

@@ -55,6 +55,7 @@ def test_outliers_and_narrow_gaps():
     assert "alone" not in notes[0]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_two_causes_in_many_samples_are_named():
     effects = Churning(15.0), PressureLeakage(4e-11)

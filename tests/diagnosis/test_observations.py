@@ -105,6 +105,7 @@ def test_where_the_noise_comes_from():
     )
 
 
+@pytest.mark.long
 def test_copies_are_dropped_and_repeated_readings_kept():
     quiet = campaign(seed=2, n=12)
     thrice = hmcvt.diagnose(BASE, quiet.select(np.tile(np.arange(12), 3)))

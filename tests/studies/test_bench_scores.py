@@ -124,6 +124,7 @@ def test_names_that_do_not_exist_are_refused():
     assert not any(vars(off).values())
 
 
+@pytest.mark.long
 def test_a_run_prints_its_table_and_keeps_its_records(tmp_path):
     out = tmp_path / "records.json"
     options = "--plant bench --campaigns 1 --seed 5 --kinds nothing --jobs 1"

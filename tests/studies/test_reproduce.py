@@ -18,6 +18,7 @@ from studies.reproduce.item import VERDICTS
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.long,
     pytest.mark.timeout(300),
 ]  # half a minute where nothing else runs
 
