@@ -46,16 +46,6 @@ def node(attacked):
     return attacked[0]
 
 
-def ask(node, kind, service, **request):
-    """Call a service of rclpy's own; return the reply."""
-    client = node.player.create_client(kind, f"{node.namespace}/hmcvt/{service}")
-    assert node.comes(client.service_is_ready)
-    future = client.call_async(kind.Request(**request))
-    assert node.comes(future.done, 20.0), service
-    node.player.destroy_client(client)
-    return future.result()
-
-
 def answers(node):
     return node.process.poll() is None and node.player.hold(GOOD).efficiency is not None
 
@@ -81,13 +71,12 @@ def flow(node, seconds):
 
 def test_parameter_of_an_unknown_type_is_refused(node):
     before = counted(node, "requests contained")
-    results = ask(
-        node, srv.SetParameters, "set_parameters", parameters=[BAD_TYPE, GOOD_VALUE]
+    results = node.ask(
+        srv.SetParameters, "set_parameters", parameters=[BAD_TYPE, GOOD_VALUE]
     ).results
     assert [result.successful for result in results] == [False, True]
     assert "99" in results[0].reason
-    result = ask(
-        node,
+    result = node.ask(
         srv.SetParametersAtomically,
         "set_parameters_atomically",
         parameters=[GOOD_VALUE, BAD_TYPE],
@@ -99,8 +88,7 @@ def test_parameter_of_an_unknown_type_is_refused(node):
 
 def test_parameter_without_a_name_is_refused(node):
     for kind in range(10):
-        (result,) = ask(
-            node,
+        (result,) = node.ask(
             srv.SetParameters,
             "set_parameters",
             parameters=[
@@ -108,7 +96,7 @@ def test_parameter_without_a_name_is_refused(node):
             ],
         ).results
         assert not result.successful and result.reason == "a parameter without a name"
-    assert "" not in ask(node, srv.ListParameters, "list_parameters").result.names
+    assert "" not in node.ask(srv.ListParameters, "list_parameters").result.names
 
 
 def test_large_request_is_refused_and_holds_nothing_up(node):
@@ -121,12 +109,11 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
         (srv.SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
         (srv.SetParameters, "set_parameters", {"parameters": [text]}),
     ]:
-        results = ask(node, kind, service, **request).results
+        results = node.ask(kind, service, **request).results
         assert len(results) == len(request["parameters"])
         assert not any(result.successful for result in results)
         assert "allowed are" in results[0].reason
-    result = ask(
-        node,
+    result = node.ask(
         srv.SetParametersAtomically,
         "set_parameters_atomically",
         parameters=[GOOD_VALUE] * 5000,
@@ -139,7 +126,7 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
         (srv.ListParameters, "list_parameters", {"prefixes": many}),
         (GetTypeDescription, "get_type_description", {"type_name": LONG}),
     ]:
-        ask(node, kind, service, **request)
+        node.ask(kind, service, **request)
     assert answers(node)
     assert counted(node, "requests contained") == before + 8
     assert len(node.log) - size < 5000
@@ -156,8 +143,7 @@ def test_clock_of_the_ages_cannot_be_exchanged(node):
     (result,) = node.set(use_sim_time=True)
     assert not result.successful and "read-only" in result.reason
     for kind in (0, 1):  # to take a parameter away is a change too
-        (result,) = ask(
-            node,
+        (result,) = node.ask(
             srv.SetParameters,
             "set_parameters",
             parameters=[

@@ -4,10 +4,13 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +34,7 @@ from hmcvt_ros.node import EfficiencyNode
 
 pytestmark = pytest.mark.slow
 
+SUBSCRIBER = Path(__file__).with_name("subscriber.py")
 ESCAPES = "x\n[INFO] forged\x1b[31m\r\u202e"
 
 
@@ -53,16 +57,6 @@ def node(hm4_node):
     hm4_node.player.call("clear_samples")
     hm4_node.forget_status()
     return hm4_node
-
-
-def ask(node, kind, service, **request):
-    """Call a service of rclpy's own; return the reply."""
-    client = node.player.create_client(kind, f"{node.namespace}/hmcvt/{service}")
-    assert node.comes(client.service_is_ready, 10.0)
-    future = client.call_async(kind.Request(**request))
-    assert node.comes(future.done, 20.0), service
-    node.player.destroy_client(client)
-    return future.result()
 
 
 # --- refits ---------------------------------------------------------------------------------------
@@ -229,8 +223,7 @@ def test_no_folder_is_disclosed(start_node, base, tmp_path):
     node.bench_file.mkdir()
     node.player.send_sample(message(campaign(base, 1, 1), 0))
     assert node.reports(DiagnosticStatus.ERROR, "bench log")
-    values = ask(
-        node,
+    values = node.ask(
         srv.GetParameters,
         "get_parameters",
         names=["model_file", "engine_file", "effects_file", "state_folder"],
@@ -279,7 +272,7 @@ def test_changed_limit_stands_in_the_diagnostics(start_node, paper_file):
 def test_levels_that_would_fill_a_disk_are_refused(node):
     levels = [LoggerLevel(name="rcl", level=10), LoggerLevel(name="rcl", level=20)]
     refused, taken = (
-        ask(node, srv.SetLoggerLevels, "set_logger_levels", levels=[level]).results[0]
+        node.ask(srv.SetLoggerLevels, "set_logger_levels", levels=[level]).results[0]
         for level in levels
     )
     assert not refused.successful and "below info" in refused.reason
@@ -337,25 +330,35 @@ def relay(environment, connect):
     process.wait()
 
 
-def share_answered(player, node_name, parameter, stages):
+def share_answered(player, flood=lambda i: None):
+    """Send inputs while `flood` is called with numbers; the share of them that is answered."""
+    player.hold(GOOD, patience=5.0)
+    player.efficiencies.clear()
+    rounds = 100
+    for i in range(rounds):
+        flood(i)
+        player.send_inputs(GOOD)
+        player.spin_for(0.1)
+    player.spin_for(1.0)
+    return len(player.efficiencies) / (3 * rounds)
+
+
+def share_answered_in_flood(player, node_name, parameter, stages):
     """Flood a node with stages and parameters; the share of its inputs that it answers."""
     publisher = player.create_publisher(String, "stage", qos.LATCHED)
     client = player.create_client(srv.SetParameters, f"{node_name}/set_parameters")
     assert player.wait_until(client.service_is_ready, 20.0)
     many = 100 * [parameter.to_parameter_msg()]
     publisher.publish(String(data=stages[0]))
-    player.hold(GOOD, patience=5.0)
-    player.efficiencies.clear()
-    rounds = 100
-    for i in range(rounds):
+
+    def flood(i):
         publisher.publish(String(data=stages[i % 2]))
         client.call_async(srv.SetParameters.Request(parameters=many))
-        player.send_inputs(GOOD)
-        player.spin_for(0.1)
-    player.spin_for(1.0)
+
+    share = share_answered(player, flood)
     player.destroy_client(client)
     player.destroy_publisher(publisher)
-    return len(player.efficiencies) / (3 * rounds)
+    return share
 
 
 def test_stages_that_change_and_parameters_that_flood(start_node, relay):
@@ -365,13 +368,47 @@ def test_stages_that_change_and_parameters_that_flood(start_node, relay):
     hold = Parameter("optimum_hold", value="engine_speed")
     sim_time = Parameter("use_sim_time", value=False)
     for _ in range(3):  # the machine may do something else meanwhile
-        least = share_answered(relay, "relay", sim_time, stages)
-        answered = share_answered(node.player, "hmcvt", hold, stages)
+        least = share_answered_in_flood(relay, "relay", sim_time, stages)
+        answered = share_answered_in_flood(node.player, "hmcvt", hold, stages)
         print(f"answered: relay {least:.3f}, node {answered:.3f}")
         # The node answers a new stage too.
         if answered >= 0.9 * least:
             return
     raise AssertionError((answered, least))
+
+
+@contextmanager
+def stopped_subscribers(player):
+    """Three processes that want every answer reliably, and were stopped after they came."""
+    namespace = player.get_namespace()
+    already = player.count_subscribers("efficiency")
+    processes = [
+        subprocess.Popen(
+            [sys.executable, str(SUBSCRIBER), "--ros-args", "-r", f"__ns:={namespace}"]
+        )
+        for _ in range(3)
+    ]
+    try:
+        assert player.wait_until(
+            lambda: player.count_subscribers("efficiency") == already + 3, 30.0
+        )
+        player.hold(GOOD)
+        for process in processes:
+            process.send_signal(signal.SIGSTOP)
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_reliable_subscribers_that_are_stopped(node, relay):
+    shares = []
+    for player in (relay, node.player):
+        with stopped_subscribers(player):
+            shares.append(share_answered(player))
+    print(f"answered: relay {shares[0]:.3f}, node {shares[1]:.3f}")
+    assert shares[1] >= 0.98 * shares[0]
 
 
 # --- progress, stated noise, another executor -----------------------------------------------------

@@ -128,13 +128,8 @@ def test_depth_of_the_queues(node):
             f"qos_overrides.{full(topic, 'hmcvt', node.namespace)}.{end}.depth"
         )
         depths.append(int(depth))
-    client = node.player.create_client(
-        GetParameters, f"{node.namespace}/hmcvt/get_parameters"
-    )
-    assert node.player.wait_until(client.service_is_ready, 10.0)
-    future = client.call_async(GetParameters.Request(names=names))
-    assert node.player.wait_until(future.done, 10.0)
-    assert [value.integer_value for value in future.result().values] == depths
+    values = node.ask(GetParameters, "get_parameters", names=names).values
+    assert [value.integer_value for value in values] == depths
 
 
 def test_services(node):
