@@ -12,7 +12,7 @@ from ..detection.regions import Regions
 from ..detection.significance import Significance
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
-from ..selection.posterior import Posterior
+from ..selection.posterior import Posterior, Weighted
 from ..settings import GAP_SIGNIFICANCE
 from ..system import Array
 
@@ -64,6 +64,26 @@ class Analysis:
     def expected_gap(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the gap at the samples, over the posterior."""
         return self.posterior.relevant.gap_at()
+
+    @cached_property
+    def shared_errors(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the shared errors over the posterior, shape (m,) each.
+
+        In their prior deviations. Without a gap they are those of the base model alone.
+        """
+        posterior = self.posterior
+        entries: tuple[Weighted, ...] = ((posterior.base_only, 1.0),)
+        if self.significant:
+            entries = posterior.relevant.entries
+        shared = self.base.hypothesis.shared
+        weights = np.array([probability for _, probability in entries])
+        means = np.stack([explanation.model.mean[shared] for explanation, _ in entries])
+        variances = []
+        for explanation, _ in entries:
+            variances.append(np.diagonal(explanation.model.covariance)[shared])
+        mean = weights @ means
+        variance = weights @ (np.stack(variances) + (means - mean) ** 2)
+        return mean, np.sqrt(variance)
 
     @cached_property
     def noise(self) -> Array:

@@ -29,7 +29,8 @@ class Gap:
 
     Attributes:
         samples: number of samples.
-        rmse: of the refitted base model at samples left out of the fit.
+        rmse: of the refitted base model at samples left out of the fit, without the errors of
+            meters that the diagnosis expects.
         noise: standard deviation, as the diagnosis estimates it.
         noise_stated: as given or assumed.
         noise_source: where `noise_stated` comes from.
@@ -124,7 +125,10 @@ class CauseSet:
 
 @dataclass(frozen=True)
 class Delivered:
-    """Errors at samples left out of the fit, as the meters of the bench read.
+    """Errors at samples left out of the fit.
+
+    The errors of the meters that the diagnosis expects are taken off the readings, before and after
+    alike.
 
     Attributes:
         rmse_before: of the refitted base model.

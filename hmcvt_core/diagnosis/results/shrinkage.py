@@ -110,8 +110,19 @@ class CrossValidation:
             )
             served = explanation.served_fit.whitened[0] * observed.deviation[0]
             larger = served if rms(served) > rms(left_out) else left_out
-            self._errors[explanation] = larger
+            self._errors[explanation] = larger + self._taken_by_meters(explanation)
         return self._errors[explanation]
+
+    def _taken_by_meters(self, explanation: Explanation) -> Array:
+        """Return what an explanation takes for errors of meters and all together do not, (n,).
+
+        The base model alone takes a part of the gap for the zero of a meter.
+        """
+        fit = explanation.fit
+        of_all, _ = self.analysis.shared_errors
+        alone = explanation.plain_model.mean[fit.hypothesis.shared]
+        change = fit.observed.shared_columns[0] @ (alone - of_all)
+        return np.asarray(change * fit.observed.deviation[0])
 
     def shrinkage(self, explanation: Explanation) -> ShrinkageSummary:
         """Return how far the gap shrinks with an explanation held in every fold."""
@@ -132,13 +143,10 @@ class CrossValidation:
         kinds = [self.errors(explanation)]
         for assignments in (self._blocks, self._sessions):
             if assignments:
-                kinds.append(
-                    cross_validated_errors(
-                        explanation.plain_model,
-                        self.analysis.base.observed,
-                        assignments,
-                    )
+                left_out = cross_validated_errors(
+                    explanation.plain_model, self.analysis.base.observed, assignments
                 )
+                kinds.append(left_out + self._taken_by_meters(explanation))
         return np.asarray(np.sqrt(np.mean(np.square(kinds), axis=0)))
 
     @property

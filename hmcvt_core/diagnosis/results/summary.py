@@ -10,7 +10,7 @@ import numpy as np
 from ..detection.regions import covering
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
-from ..selection.posterior import Posterior, Weighted
+from ..selection.posterior import Posterior
 from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     INTERVAL_DEVIATIONS,
@@ -259,7 +259,7 @@ def shared_errors_of(analysis: Analysis) -> tuple[SharedErrorEstimate, ...]:
     errors = analysis.base.observed.shared_names
     if not errors:
         return ()
-    mean, deviation = _posterior_of_shared_errors(analysis)
+    mean, deviation = analysis.shared_errors
     estimates = []
     for i, error in enumerate(errors):
         estimates.append(
@@ -273,23 +273,3 @@ def shared_errors_of(analysis: Analysis) -> tuple[SharedErrorEstimate, ...]:
             )
         )
     return tuple(estimates)
-
-
-def _posterior_of_shared_errors(analysis: Analysis) -> tuple[Array, Array]:
-    """Return mean and standard deviation of the shared errors, in their prior deviations, (m,).
-
-    Without a gap they are those of the base model alone.
-    """
-    posterior = analysis.posterior
-    entries: tuple[Weighted, ...] = ((posterior.base_only, 1.0),)
-    if analysis.significant:
-        entries = posterior.relevant.entries
-    shared = posterior.base_only.fit.hypothesis.shared
-    weights = np.array([probability for _, probability in entries])
-    means = np.stack([explanation.model.mean[shared] for explanation, _ in entries])
-    variances = []
-    for explanation, _ in entries:
-        variances.append(np.diagonal(explanation.model.covariance)[shared])
-    mean = weights @ means
-    variance = weights @ (np.stack(variances) + (means - mean) ** 2)
-    return mean, np.sqrt(variance)

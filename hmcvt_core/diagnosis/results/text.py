@@ -80,16 +80,15 @@ def _gap_lines(outcome: Outcome) -> list[str]:
     shrinkage = outcome.shrinkage
     before = amount(outcome, shrinkage.before)
     after = amount(outcome, shrinkage.after)
-    refitted = "refitted model"
+    without = ""
     if outcome.shared_errors:
-        # The gap counts what the errors of the meters could hide; these residuals do not.
-        refitted = "model and meters, both refitted,"
+        without = ", without the errors of the meters"
     lines = [
         f"gap        {gap.samples} samples, {before} rms beyond the noise, "
         f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
         f"noise      {amount(outcome, gap.noise)}; before the fit "
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
-        f"error      {amount(outcome, gap.rmse)} rms of the {refitted} at samples left out",
+        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples left out{without}",
     ]
     if shrinkage.fraction is not None:
         grows = ", where it grows" if shrinkage.fraction < 0.0 else ""
