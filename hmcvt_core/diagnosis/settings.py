@@ -273,6 +273,12 @@ GAP_SIGNIFICANCE = 0.02
 Source: chosen; chance alone shows as much in one campaign of fifty.
 """
 
+NO_GAP_PROBABILITY = 0.5
+"""Probability of an exact base model from which no gap is reported, however rare the readings.
+
+Source: it is then likelier than any gap.
+"""
+
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a region is significant by itself.
 
@@ -354,6 +360,12 @@ Source: families of forms in the literature leave of each other between 0.02, as
 their exponents agree, and 0.25, as films that break do (docs/diagnosis.md).
 """
 
+FORM_ALLOWANCES = (0.5 * FORM_ALLOWANCE, FORM_ALLOWANCE, 2.0 * FORM_ALLOWANCE)
+"""Prior deviations of a bend that looks like another effect, as parts of what bends.
+
+Source: `FORM_ALLOWANCE`, known within a factor of two.
+"""
+
 AMPLITUDE_LOG_DEVIATION = 2.0 * math.log(2.0)
 """Prior deviation of the log variance of a fitted amplitude.
 
@@ -383,12 +395,6 @@ AMPLITUDE_MOST_STEP = 3.0
 """Largest change of a log variance in a round.
 
 Source: chosen as a guard against overshooting.
-"""
-
-FORM_ALLOWANCE_DEGREE = 2
-"""Total degree of the polynomials by which a form may bend.
-
-Source: chosen on development campaigns.
 """
 
 LEAST_SQUARE_PART = 1e-9
@@ -488,7 +494,7 @@ Source: chosen on development campaigns. More keeps more candidates at the cost 
 PRIOR_NO_GAP = 0.5
 """Prior probability of an exact base model and nothing else.
 
-Source: indifference. It changes the advice on the next test; the test for a gap does not use it.
+Source: indifference. It changes the advice on the next test, and whether a rare campaign is a gap.
 """
 
 PRIOR_OF_SET_SIZE = {1: 0.40, 2: 0.15, 3: 0.05}
@@ -507,6 +513,12 @@ PRIOR_UNLISTED = 0.10
 """Prior probability of an unlisted cause alone, given a gap; of one in addition, given a set.
 
 Source: chosen. More makes the verdict `unexplained` more frequent.
+"""
+
+PRIOR_BEND = 0.5
+"""Prior probability that what the forms of a set miss looks like one of the other effects.
+
+Source: indifference.
 """
 
 BOOTSTRAP_CAMPAIGNS = 400

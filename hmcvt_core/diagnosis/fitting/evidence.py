@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -343,7 +344,7 @@ class LinearModel:
         """
         return np.asarray(self.target - self.columns[..., :first] @ self.mean[:first])
 
-    @property
+    @cached_property
     def log_likelihoods(self) -> Array:
         """Posterior mean of the log likelihood of each sample, up to a constant, shape (n,).
 

@@ -13,7 +13,7 @@ from ..detection.significance import Significance
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior, Weighted
-from ..settings import GAP_SIGNIFICANCE
+from ..settings import GAP_SIGNIFICANCE, NO_GAP_PROBABILITY, SMALL_CAMPAIGN
 from ..system import Array
 
 
@@ -42,7 +42,18 @@ class Analysis:
 
     @property
     def significant(self) -> bool:
-        """Whether there is a gap."""
+        """Whether there is a gap.
+
+        The readings must be rare without a gap, and some explanation must make them likelier. Of a
+        small campaign the size of the scatter alone may be a gap, which no explanation shows.
+        """
+        if len(self.base.observed) < SMALL_CAMPAIGN:
+            return self.is_rare
+        return self.is_rare and self.posterior.no_gap < NO_GAP_PROBABILITY
+
+    @property
+    def is_rare(self) -> bool:
+        """Whether a campaign without a gap hardly ever has such readings."""
         return self.detection.p_value <= GAP_SIGNIFICANCE
 
     @cached_property

@@ -88,7 +88,8 @@ def _gap_lines(outcome: Outcome) -> list[str]:
         f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
         f"noise      {amount(outcome, gap.noise)}; before the fit "
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
-        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples left out{without}",
+        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples "
+        f"left out{without}",
     ]
     if shrinkage.fraction is not None:
         grows = ", where it grows" if shrinkage.fraction < 0.0 else ""

@@ -14,7 +14,7 @@ from .analysis import Analysis
 def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
     """Return the verdict, and notes on why no cause, or no more than a set, is named."""
     if not analysis.significant:
-        return "no_gap", ()
+        return "no_gap", _why_no_gap(analysis)
     posterior = analysis.posterior
     if posterior.unlisted > UNEXPLAINED_PROBABILITY:
         if posterior.misfit > posterior.unlisted / 2.0:
@@ -28,11 +28,39 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
     verdict = "ambiguous"
     if probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis):
         verdict = "cause_found"
-    if _leads_with_discrepancy(analysis):
-        return verdict, (
-            "a smaller loss that is not in the library is present too: look at the regions",
-        )
-    return verdict, ()
+    return verdict, (*_bend_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
+
+
+def _bend_of_the_model(analysis: Analysis) -> tuple[str, ...]:
+    """Say that the saved model holds an effect that is no cause."""
+    leading, _ = analysis.leading
+    if not leading.bend:
+        return ()
+    causes = " and ".join(name.replace("_", " ") for name in leading.names)
+    bend = leading.bend.replace("_", " ")
+    return (
+        f"the form of {causes} misses something that looks like {bend}: the model with the causes "
+        f"holds it as a correction, not as a cause",
+    )
+
+
+def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
+    if not _leads_with_discrepancy(analysis):
+        return ()
+    return (
+        "a smaller loss that is not in the library is present too: look at the regions",
+    )
+
+
+def _why_no_gap(analysis: Analysis) -> tuple[str, ...]:
+    """Say why rare readings are no gap."""
+    if not analysis.is_rare:
+        return ()
+    probability = 100.0 * analysis.posterior.no_gap
+    return (
+        f"readings like these are rare without a gap (p = {analysis.detection.p_value:.2g}), but "
+        f"nothing explains them better than chance: with {probability:.0f} % there is no gap",
+    )
 
 
 def _has_rival(analysis: Analysis) -> bool:
@@ -43,7 +71,7 @@ def _has_rival(analysis: Analysis) -> bool:
     leading, _ = analysis.leading
     twins = analysis.leading_class_set.sets
     for names, (explanation, _) in analysis.posterior.sets.items():
-        if names in twins or len(names) != len(leading.names):
+        if names in twins or len(names) != len(leading.names) or explanation.bend:
             continue
         if explanation.log_evidence > leading.log_evidence - RIVAL_SET_MARGIN:
             return True

@@ -27,6 +27,7 @@ from ..observations import Observations
 from ..settings import (
     EXPLAINED_BY_SET,
     EXTRA_DISCREPANCY_PART,
+    FORM_ALLOWANCES,
     LEAST_SQUARE_PART,
     MISSED_PART,
     NO_ANSWER,
@@ -57,6 +58,8 @@ class Explanation:
         log_evidence: averaged over the prior scales, and over what is exact [nats].
         discrepancy: a discrepancy in addition to the effects, or None.
         exact: what is likeliest to be exact.
+        bend: name of the effect that is no cause but a bend of the forms of the others; empty for
+            none.
     """
 
     fit: Fit
@@ -65,11 +68,13 @@ class Explanation:
     log_evidence: float
     discrepancy: Discrepancy | None = None
     exact: Exact = Exact.NOTHING
+    bend: str = ""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Effect names, sorted."""
-        return tuple(sorted(effect.name for effect in self.fit.hypothesis.effects))
+        """Names of the effects that are causes, sorted."""
+        effects = self.fit.hypothesis.effects
+        return tuple(sorted(item.name for item in effects if item.name != self.bend))
 
     @cached_property
     def served_fit(self) -> Fit:
@@ -227,6 +232,63 @@ def explain(fit: Fit) -> Explanation:
         float(log_mean(log_evidence.ravel())),
         exact=Exact(best),
     )
+
+
+def with_bends(explanation: Explanation) -> list[Explanation]:
+    """Return explanations in which one effect is a bend of the forms of the others.
+
+    No form is exact, and what one misses may look like another effect. The prior of that size is
+    then the allowance for forms, of either sign, in place of the moment prior of a cause.
+
+    Args:
+        explanation: of listed effects, without a discrepancy.
+
+    Returns:
+        One for each effect beside which the others change the readings.
+    """
+    fit = explanation.fit
+    sizes = fit.hypothesis.size_indices
+    changes = (fit.jacobian / np.sqrt(fit.noise)[:, None, None])[..., sizes]
+    bent = []
+    for i, effect in enumerate(fit.hypothesis.effects):
+        is_other = np.arange(len(sizes)) != i
+        of_others = np.linalg.norm(changes[..., is_other] @ fit.sizes[is_other])
+        of_typical_size = np.linalg.norm(changes[..., i])
+        if of_others > 0.0 and of_typical_size > 0.0:
+            allowance = float(of_others / of_typical_size)
+            log_evidence = _log_evidence_of_bend(explanation, i, allowance)
+            bent.append(
+                replace(explanation, log_evidence=log_evidence, bend=effect.name)
+            )
+    return bent
+
+
+def _log_evidence_of_bend(
+    explanation: Explanation, bend: int, of_others: float
+) -> float:
+    """Return the log evidence with one effect as a bend of the forms of the others.
+
+    Args:
+        explanation: with that effect as a cause.
+        bend: index of the effect.
+        of_others: its size that changes the readings as much as all others together.
+    """
+    hypothesis = explanation.fit.hypothesis
+    sizes = hypothesis.size_indices
+    scales: list[tuple[float, ...]] = [SIZE_SPREADS] * len(sizes)
+    scales[bend] = tuple(part * of_others for part in FORM_ALLOWANCES)
+    signs = hypothesis.signs[sizes].copy()
+    signs[bend] = np.nan
+    model = explanation.model
+    changes = change_of_prior_scale(
+        model.mean[sizes],
+        model.covariance[np.ix_(sizes, sizes)],
+        np.full(len(sizes), max(SIZE_SPREADS)),
+        np.array(list(itertools.product(*scales))),
+        signs,
+    )
+    # As in `explain`, the mean over what is exact, of which one matters.
+    return float(model.log_evidence + log_mean(changes) - np.log(len(Exact)))
 
 
 def explain_exactly(fit: Fit) -> Explanation:

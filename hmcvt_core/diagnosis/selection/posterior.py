@@ -26,6 +26,7 @@ from ..observations import Observations
 from ..settings import (
     BOOTSTRAP_CAMPAIGNS,
     PRIOR_BASE_DISCREPANCY,
+    PRIOR_BEND,
     PRIOR_NO_GAP,
     PRIOR_OF_SET_SIZE,
     PRIOR_UNLISTED,
@@ -41,6 +42,7 @@ from .explanation import (
     explain_by_base_discrepancy,
     explain_exactly,
     smooth_discrepancies,
+    with_bends,
 )
 from .screen import screen
 from .search import Names, distinct, search
@@ -176,9 +178,10 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     from scipy.special import expit, logsumexp
 
     base_only = explain_by_base(base)
-    sets = _sets_of_effects(base_only)
+    sets, bends = _sets_of_effects(base_only)
     competing = [
         *sets,
+        *bends,
         *_sets_with_discrepancy(sets[:SETS_WITH_DISCREPANCY], boxes),
         *_with_shared_prior(
             [explain_by_base_discrepancy(base_only)], PRIOR_BASE_DISCREPANCY
@@ -201,17 +204,31 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
 # --- the competing explanations, each with the log of prior times evidence ------------------
 
 
-def _sets_of_effects(base_only: Explanation) -> list[Weighted]:
-    """Return the sets of listed effects near the best, best first."""
+def _sets_of_effects(base_only: Explanation) -> tuple[list[Weighted], list[Weighted]]:
+    """Return the sets of listed effects near the best, best first, and those with a bend."""
     library = base_only.fit.signatures
     candidates, effects = search(base_only, library, max(PRIOR_OF_SET_SIZE))
     sets = []
+    bends = []
     for explanation, log_evidence in candidates:
-        size = len(explanation.names)
-        prior = PRIOR_OF_SET_SIZE[size] / math.comb(effects, size)
-        sets.append((explanation, math.log(prior) + log_evidence))
+        names = explanation.names
+        log_prior_of_forms = log_evidence - explanation.log_evidence
+        log_prior = log_prior_of_forms + _log_prior_of_set(len(names), effects)
+        sets.append((explanation, log_prior + explanation.log_evidence))
+        if len(names) == 1:
+            continue
+        log_prior = log_prior_of_forms + _log_prior_of_set(len(names) - 1, effects)
+        others = effects - len(names) + 1
+        log_prior += math.log(PRIOR_BEND / others)
+        for bent in with_bends(explanation):
+            bends.append((bent, log_prior + bent.log_evidence))
     sets.sort(key=lambda entry: -entry[1])
-    return sets
+    return sets, bends
+
+
+def _log_prior_of_set(size: int, effects: int) -> float:
+    """Return the log prior of one set of so many effects of all."""
+    return math.log(PRIOR_OF_SET_SIZE[size] / math.comb(effects, size))
 
 
 def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Weighted]:
