@@ -366,6 +366,12 @@ FORM_ALLOWANCES = (0.5 * FORM_ALLOWANCE, FORM_ALLOWANCE, 2.0 * FORM_ALLOWANCE)
 Source: `FORM_ALLOWANCE`, known within a factor of two.
 """
 
+LEAST_BEND_MATCH = 0.9
+"""Part of the squared change by an effect from which it may be a bend of other forms.
+
+Source: chosen. The rest is a change between channels, which no bend makes.
+"""
+
 AMPLITUDE_LOG_DEVIATION = 2.0 * math.log(2.0)
 """Prior deviation of the log variance of a fitted amplitude.
 

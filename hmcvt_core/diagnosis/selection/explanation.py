@@ -28,6 +28,7 @@ from ..settings import (
     EXPLAINED_BY_SET,
     EXTRA_DISCREPANCY_PART,
     FORM_ALLOWANCES,
+    LEAST_BEND_MATCH,
     LEAST_SQUARE_PART,
     MISSED_PART,
     NO_ANSWER,
@@ -244,39 +245,52 @@ def with_bends(explanation: Explanation) -> list[Explanation]:
         explanation: of listed effects, without a discrepancy.
 
     Returns:
-        One for each effect beside which the others change the readings.
+        One for each effect that may be a bend of the others.
     """
     fit = explanation.fit
-    sizes = fit.hypothesis.size_indices
-    changes = (fit.jacobian / np.sqrt(fit.noise)[:, None, None])[..., sizes]
+    changes = fit.jacobian[..., fit.hypothesis.size_indices]
+    changes = changes / np.sqrt(fit.noise)[:, None, None]
     bent = []
     for i, effect in enumerate(fit.hypothesis.effects):
-        is_other = np.arange(len(sizes)) != i
-        of_others = np.linalg.norm(changes[..., is_other] @ fit.sizes[is_other])
-        of_typical_size = np.linalg.norm(changes[..., i])
-        if of_others > 0.0 and of_typical_size > 0.0:
-            allowance = float(of_others / of_typical_size)
-            log_evidence = _log_evidence_of_bend(explanation, i, allowance)
+        is_other = np.arange(len(fit.sizes)) != i
+        of_others = changes[..., is_other] @ fit.sizes[is_other]
+        of_effect = changes[..., i]
+        if _may_be_bend(of_effect, of_others):
+            ratio = float(np.linalg.norm(of_others) / np.linalg.norm(of_effect))
+            log_evidence = _log_evidence_of_bend(explanation, i, ratio)
             bent.append(
                 replace(explanation, log_evidence=log_evidence, bend=effect.name)
             )
     return bent
 
 
-def _log_evidence_of_bend(
-    explanation: Explanation, bend: int, of_others: float
-) -> float:
+def _may_be_bend(of_effect: Array, of_others: Array) -> bool:
+    """Whether a change of the readings is other changes times a factor at each sample.
+
+    The factor is one for all channels: a bent leak still changes speed and torque as a leak does.
+
+    Args:
+        of_effect: in deviations, shape (channels, n).
+        of_others: the same.
+    """
+    squares = np.sum(of_others**2, axis=0)
+    products = np.sum(of_others * of_effect, axis=0)
+    alike = np.sum(products[squares > 0.0] ** 2 / squares[squares > 0.0])
+    return bool(alike > LEAST_BEND_MATCH * np.sum(of_effect**2))
+
+
+def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> float:
     """Return the log evidence with one effect as a bend of the forms of the others.
 
     Args:
         explanation: with that effect as a cause.
         bend: index of the effect.
-        of_others: its size that changes the readings as much as all others together.
+        ratio: its size that changes the readings as much as all others together.
     """
     hypothesis = explanation.fit.hypothesis
     sizes = hypothesis.size_indices
     scales: list[tuple[float, ...]] = [SIZE_SPREADS] * len(sizes)
-    scales[bend] = tuple(part * of_others for part in FORM_ALLOWANCES)
+    scales[bend] = tuple(part * ratio for part in FORM_ALLOWANCES)
     signs = hypothesis.signs[sizes].copy()
     signs[bend] = np.nan
     model = explanation.model
