@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +215,32 @@ class System(Protocol):
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
         """Return notes on the samples that hold whatever the diagnosis finds."""
+
+
+Case = tuple[Array, Sequence[Effect]]
+"""Scaled base parameters, shape (p,), and the effects added to the base model."""
+
+
+@runtime_checkable
+class PredictsCases(Protocol):
+    """A `System` that predicts many cases together faster than one after another."""
+
+    def predict_cases(self, cases: Sequence[Case], points: Points) -> Array:
+        """Return what `System.predict` returns of each case, shape (cases, channels, n)."""
+
+
+def predict_cases(system: System, cases: Sequence[Case], points: Points) -> Array:
+    """Return the predictions of many cases, shape (cases, channels, n).
+
+    Args:
+        system: on the bench.
+        cases: at least one.
+        points: operating points.
+    """
+    if isinstance(system, PredictsCases):
+        return system.predict_cases(cases, points)
+    predicted = [system.predict(base, effects, points) for base, effects in cases]
+    return np.stack(predicted)
 
 
 def forms_of(effect: Effect) -> list[Effect]:

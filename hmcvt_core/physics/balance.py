@@ -62,7 +62,8 @@ class BalanceSolver:
 
     Args:
         stage: of any layout.
-        parameters: of the units; parameters of shape (..., 1) give results of shape (..., n).
+        parameters: of the units; parameters of shape (..., 1) give results of shape (..., n). So do
+            gear efficiencies of the stage.
         effects: further losses.
     """
 
@@ -91,6 +92,8 @@ class BalanceSolver:
             return self._iterated(points)
         if self._pump_on_row and not self._has_candidates:
             return self._solved_on_row(points)
+        if self._has_candidates:
+            return self.quadrant(self._senses_of_candidates(points)).solve(points)
         return self.quadrant(self.senses(points)).solve(points)
 
     def _iterated(self, points: OperatingPoints) -> Solution:
@@ -113,11 +116,9 @@ class BalanceSolver:
 
     def resting(self, points: OperatingPoints) -> NDArray[np.bool_] | None:
         """Where friction holds the output: no sense has a torque at standstill; None: nowhere."""
-        if not self._pump_on_row or self._has_candidates:
+        if not self._pump_on_row:
             return None
-        stands = ~self._starts(1, points)
-        # Most points that do not start forward start backward: look at these alone.
-        stands[stands] = self._rests(points.map(lambda values: values[stands]))
+        stands = ~self._starts(1, points) & self._rests(points)
         return stands if stands.any() else None
 
     def _rests(self, points: OperatingPoints) -> NDArray[np.bool_]:
@@ -326,18 +327,18 @@ class BalanceSolver:
         return self._quadrants[senses]
 
     def senses(self, points: OperatingPoints) -> Senses:
-        """Return the senses of output and power: the output turns as it does without load.
-
-        For many candidates, as it does without damping, too.
-        """
-        stroke = points.displacement_ratio
-        if self._has_candidates:
-            forward = speed_ratio(self.stage, stroke) > 0.0
-        elif self._pump_on_row:
+        """Return the senses of output and power: the output turns as it does without load."""
+        if self._pump_on_row:
             forward = self._starts(1, points)
         else:
             first = self.quadrant(FORWARD_PULL)
-            forward = (stroke - first.standing_ratio) * first.flow_ratio > 0.0
+            from_standing = points.displacement_ratio - first.standing_ratio
+            forward = from_standing * first.flow_ratio > 0.0
+        return Senses(sign(forward), sign(points.load_torque >= 0.0))
+
+    def _senses_of_candidates(self, points: OperatingPoints) -> Senses:
+        """Return the senses that many candidates share: those without load and damping."""
+        forward = speed_ratio(self.stage, points.displacement_ratio) > 0.0
         return Senses(sign(forward), sign(points.load_torque >= 0.0))
 
 

@@ -270,13 +270,21 @@ class Stage:
         """Return the stage with the same efficiency in every gear pair."""
         return self._with_gear_efficiencies(lambda pair: efficiency)
 
-    def with_gear_loss(self, loss: float) -> Stage:
-        """Return the stage with a further part of the power lost in every gear pair."""
-        return self._with_gear_efficiencies(
-            lambda pair: min(pair.efficiency * (1.0 - loss), 1.0)
-        )
+    def with_gear_loss(self, loss: Any) -> Stage:
+        """Return the stage with a further part of the power lost in every gear pair.
 
-    def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], float]) -> Stage:
+        Args:
+            loss: that part [-]; a number, or an array of shape (..., 1) for many candidates.
+        """
+
+        def efficiency(pair: GearPair) -> Any:
+            passed = pair.efficiency * (1.0 - loss)
+            # A plain number stays one, because files hold it.
+            return np.minimum(passed, 1.0) if np.ndim(loss) else min(passed, 1.0)
+
+        return self._with_gear_efficiencies(efficiency)
+
+    def _with_gear_efficiencies(self, efficiency: Callable[[GearPair], Any]) -> Stage:
         renewed: dict[str, Any] = {}
         for name, path in self.paths.items():
             pairs = []

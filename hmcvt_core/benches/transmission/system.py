@@ -10,15 +10,18 @@ from typing import Any, cast
 import numpy as np
 
 from ...diagnosis.observations import SESSION
-from ...diagnosis.system import Array, Axis, Channel, Points
+from ...diagnosis.system import Array, Axis, Case, Channel, Points
 from ...diagnosis.system import Effect as AnyEffect
 from ...errors import InputError
 from ...files.bench import BenchSamples
 from ...model.domain import Domain
 from ...model.model import EfficiencyModel
+from ...physics.balance import BalanceSolver
 from ...physics.effects import library
-from ...physics.effects.base import Effect
+from ...physics.effects.base import Effect, Value
+from ...physics.effects.by_row import by_row
 from ...transmission import ranges
+from ...transmission.parameters import Candidates
 from ...transmission.stage import Stage
 from .base import base_parameters, base_values, hydraulic_errors
 from .channels import (
@@ -41,6 +44,8 @@ CANDIDATE_STROKES = 9
 CANDIDATE_SPEEDS = 6
 CANDIDATE_LOADS = 6
 """Grid of candidate tests along each axis; chosen on development campaigns."""
+MOST_VALUES = 2048
+"""Values of one quantity that are solved together; more leave the cache of the processor."""
 LEAST_POWER = 4e3
 """Output power below which benches read the efficiency poorly [W]; chosen for candidate tests."""
 
@@ -106,19 +111,50 @@ class Transmission:
         Returns:
             Shape (3, n); NaN where the model has no answer.
         """
+        return np.asarray(self.predict_cases([(base, effects)], points)[0])
+
+    def predict_cases(self, cases: Sequence[Case], points: Points) -> Array:
+        """Return the readings of many cases, as `predict` those of one; (cases, 3, n)."""
+        at_once = max(1, MOST_VALUES // max(1, len(points[ENGINE_SPEED.name])))
+        parts = []
+        for start in range(0, len(cases), at_once):
+            parts.append(self._solved(cases[start : start + at_once], points))
+        return np.concatenate(parts)
+
+    def _solved(self, cases: Sequence[Case], points: Points) -> Array:
+        """Return the readings of cases that are solved together, shape (cases, 3, n)."""
+        values = [base_values(self.base, base) for base, _ in cases]
+        hydraulics = [value.hydraulics for value in values]
+        parameters = Candidates(
+            _by_case([value.leakage for value in hydraulics]),
+            _by_case([value.motor_damping for value in hydraulics]),
+            _by_case([value.pump_damping for value in hydraulics]),
+        )
+        gear_loss = _by_case([value.gear_loss for value in values])
+        added = by_row([cast("Sequence[Effect]", effects) for _, effects in cases])
+
+        def readings(name: str | None, at: ranges.OperatingPoints) -> Sequence[Array]:
+            stage = _with_gear_loss(self.model.in_stage(name).stage, gear_loss)
+            effects = (*self.model.effects, *added)
+            solver = BalanceSolver(stage, parameters, effects)
+            shape = (len(cases), at.engine_speed.size)
+            return solver.readings(at.map(lambda row: np.broadcast_to(row, shape)))[:3]
+
+        solved = self._operating_points(points).solved(readings)
+        efficiency, output_speed, pressure = solved
+        gain = _by_case([value.pressure_gain for value in values])
+        zero = _by_case([value.pressure_zero for value in values])
+        pressure = pressure * (1.0 + gain) + zero
+        return np.stack([efficiency, output_speed, pressure], axis=1)
+
+    def _operating_points(self, points: Points) -> ranges.OperatingPoints:
+        """Return points as the physics takes them, with the names of their stages."""
         known: dict[str, Any] = {**points}
         known.pop(SESSION, None)
         if STAGE.name in known:
             stages = np.array(list(self.model.stages))
             known[STAGE.name] = stages[known[STAGE.name].astype(int)]
-        model = self._refitted(base, effects)
-        efficiency, output_speed, pressure = model.readings_at(
-            ranges.OperatingPoints(**known)
-        )
-        if "pressure_gain" in self.base.names:
-            values = base_values(self.base, base)
-            pressure = pressure * (1.0 + values.pressure_gain) + values.pressure_zero
-        return np.stack([efficiency, output_speed, pressure])
+        return ranges.OperatingPoints(**known)
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return tests over the working range of engine and campaign that the model can carry.
@@ -192,7 +228,21 @@ class Transmission:
 
 
 # A refit perturbs the gear loss in one of its steps and leaves it in all others.
-_with_gear_loss = lru_cache(maxsize=64)(Stage.with_gear_loss)
+_with_known_gear_loss = lru_cache(maxsize=64)(Stage.with_gear_loss)
+
+
+def _with_gear_loss(stage: Stage, loss: Value) -> Stage:
+    """Return a stage with a gear loss: a number, or one for each case."""
+    if isinstance(loss, float):
+        return _with_known_gear_loss(stage, loss)
+    return stage.with_gear_loss(loss)
+
+
+def _by_case(values: Sequence[float]) -> Value:
+    """Return values of cases: the number if all have the same, else shape (cases, 1)."""
+    if len(set(values)) == 1:
+        return values[0]
+    return np.array(values)[:, None]
 
 
 def _missing_effects(model: EfficiencyModel) -> tuple[AnyEffect, ...]:

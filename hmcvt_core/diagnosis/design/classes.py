@@ -269,7 +269,7 @@ def _connected(fitted: Sequence[_Fitted], tests: Fit) -> list[list[_Fitted]]:
 
 def _changes(tests: Fit, forms: Sequence[Effect]) -> Array:
     """Return what a refit leaves of one typical size of each form, in deviations, shape (k, m)."""
-    signatures = np.stack([tests.signature(form) for form in forms])
+    signatures = tests.signatures_of(forms)
     return tests.project_out(signatures / np.sqrt(tests.noise)[:, None])
 
 

@@ -100,18 +100,18 @@ def model_evidence(
         weights = 1.0 / noise[:, None]
         matrix = (weights @ flat_square).reshape(-1, p, p)
         matrix[:, diagonal, diagonal] += precision
-        covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        covariance, log_determinant = _inverse_and_log_determinant(matrix)
         mean = ((weights @ cross) @ covariance)[:, 0]
-        # |y - J m|^2 = y'y + (J'J m - 2 J'y)'m, from the Gram matrices alone.
-        change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
-        residual = np.maximum(total + (change @ mean[..., None])[..., 0], 1e-12)
-        # The part of the noise that the coefficients absorb: trace of J^T J times covariance.
-        absorbed = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0]
+        # Posterior mean of |y - J t|^2 = y'y - 2 y'J t + t'J'J t, from the Gram matrices alone.
+        second_moment = covariance + mean[:, :, None] * mean[:, None, :]
+        explained = flat_square @ second_moment.reshape(-1, p * p, 1)
+        squares = total + (explained - 2.0 * cross @ mean[..., None])[..., 0]
         previous = noise
-        noise = (prior_dof + residual + absorbed) / (prior_dof + count)
+        noise = (prior_dof + squares) / (prior_dof + count)
         if (np.abs(noise / previous - 1.0) < NOISE_TOLERANCE).all():
             break
-    _, log_determinant = np.linalg.slogdet(matrix)
+    change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
+    residual = np.maximum(total + (change @ mean[..., None])[..., 0], 1e-12)
     of_readings = np.sum(
         (count + prior_dof) * np.log(noise) + (prior_dof + residual) / noise, axis=1
     )
@@ -122,6 +122,32 @@ def model_evidence(
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         log_evidence += moment_prior_log_bayes_factor(mean, variance, spread, signs)
     return ModelEvidence(log_evidence, mean, covariance, noise)
+
+
+def _inverse_and_log_determinant(matrices: Array) -> tuple[Array, Array]:
+    """Return inverses and log determinants of positive definite matrices.
+
+    Cholesky factors give both in half the time of `numpy.linalg.inv`, in which a diagnosis would
+    spend a third of its time.
+
+    Args:
+        matrices: shape (m, p, p).
+
+    Returns:
+        Shapes (m, p, p) and (m,).
+    """
+    from scipy.linalg.lapack import dpotrf, dtrtri
+
+    roots = np.empty_like(matrices)
+    for i, matrix in enumerate(matrices):
+        factor, failure = dpotrf(matrix)
+        if failure:
+            # Readings so exact that rounding hides the priors.
+            return np.linalg.inv(matrices), np.linalg.slogdet(matrices)[1]
+        roots[i], _ = dtrtri(factor, overwrite_c=True)
+    inverses = roots @ np.swapaxes(roots, 1, 2)
+    diagonals = np.diagonal(roots, axis1=1, axis2=2)
+    return inverses, -2.0 * np.sum(np.log(diagonals), axis=1)
 
 
 def fitted_model(

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..settings import SHAPE_PRIOR_MEAN, SHAPE_PRIOR_SPREAD
-from ..system import Array, Channel, Effect, Points, System
+from ..system import Array, Case, Channel, Effect, Points, System
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +143,10 @@ class Hypothesis:
             scaled.append(_scaled(item, self.effects[i].values()[item.name]))
         return np.append(base, scaled)
 
+    def case(self, theta: Array) -> Case:
+        """Return the base parameters of theta, and the effects with its values."""
+        return theta[: len(self.system.base)], self.effects_at(theta)
+
     def predict(
         self, theta: Array, points: Points, channels: Sequence[Channel] = ()
     ) -> Array:
@@ -153,13 +157,16 @@ class Hypothesis:
             points: operating points.
             channels: to return; every channel of the system if empty.
         """
-        base = theta[: len(self.system.base)]
-        predicted = self.system.predict(base, self.effects_at(theta), points)
+        base, effects = self.case(theta)
+        predicted = self.system.predict(base, effects, points)
         if not channels:
             return predicted
+        return np.asarray(predicted[self.rows_of(channels)])
+
+    def rows_of(self, channels: Sequence[Channel]) -> list[int]:
+        """Return the indices of channels among all channels of the system."""
         names = [channel.name for channel in self.system.channels]
-        rows = [names.index(channel.name) for channel in channels]
-        return np.asarray(predicted[rows])
+        return [names.index(channel.name) for channel in channels]
 
     def local_variation(
         self,

@@ -36,7 +36,7 @@ from ..settings import (
     SIZE_DIFFERENCE,
     STEP_PARTS,
 )
-from ..system import Array, Effect, Points, forms_of
+from ..system import Array, Case, Effect, Points, forms_of, predict_cases
 from .hypothesis import Hypothesis
 
 Signature = tuple[Effect, Array]
@@ -133,23 +133,32 @@ class Fit:
     @cached_property
     def signatures(self) -> list[Signature]:
         """Every form of the library that is visible in the readings, with its signature."""
-        visible = []
+        forms: list[Effect] = []
         for effect in self.hypothesis.system.library:
-            for form in forms_of(effect):
-                change = self.signature(form)
-                if np.abs(change).max() >= INVISIBLE_SIGNATURE:
-                    visible.append((form, change))
+            forms += forms_of(effect)
+        visible = []
+        for form, change in zip(forms, self.signatures_of(forms), strict=True):
+            if np.abs(change).max() >= INVISIBLE_SIGNATURE:
+                visible.append((form, change))
         return visible
 
     def signature(self, form: Effect) -> Array:
-        """Return the change of prediction / deviation by one typical size of a further form.
+        """Return the signature of one further form, shape (channels, n)."""
+        return np.asarray(self.signatures_of([form])[0])
 
-        Shape (channels, n). A refit leaves little of an effect: the slope at a small size counts.
+    def signatures_of(self, forms: Sequence[Effect]) -> Array:
+        """Return the changes of prediction / deviation by one typical size of further forms.
+
+        Shape (forms, channels, n). A refit leaves little of an effect: the slope at a small size
+        counts.
         """
-        effects = (*self.hypothesis.effects, form)
-        extended = replace(self.hypothesis, effects=effects)
-        theta = np.append(self.theta, SIGNATURE_SIZE)
-        with_form = _whitened(extended, self.observed, theta)
+        base, effects = self.hypothesis.case(self.theta)
+        cases: list[Case] = []
+        for form in forms:
+            size = form.sizes()[0]
+            values = {size.name: SIGNATURE_SIZE * size.typical}
+            cases.append((base, (*effects, form.with_values(values))))
+        with_form = _whitened_cases(self.hypothesis, self.observed, cases, self.theta)
         # Where the model with the effect has no answer there is no slope.
         change = np.where(with_form == NO_ANSWER, 0.0, self.whitened - with_form)
         return np.asarray(change / SIGNATURE_SIZE)
@@ -534,8 +543,26 @@ def _noise(observed: Observations, whitened: Array, parameters: int) -> Array:
 
 def _whitened(hypothesis: Hypothesis, observed: Observations, theta: Array) -> Array:
     """Return (measured - predicted) / deviation, shape (channels, n)."""
-    predicted = hypothesis.predict(theta, observed.points, observed.channels)
-    whitened = (observed.measured - predicted) / observed.deviation
+    case = hypothesis.case(theta)
+    return np.asarray(_whitened_cases(hypothesis, observed, [case], theta)[0])
+
+
+def _whitened_cases(
+    hypothesis: Hypothesis, observed: Observations, cases: Sequence[Case], theta: Array
+) -> Array:
+    """Return (measured - predicted) / deviation of many cases, shape (cases, channels, n).
+
+    Args:
+        hypothesis: whose system predicts.
+        observed: the readings.
+        cases: base parameters and effects.
+        theta: parameters, of which the shared errors count, shape (p,).
+    """
+    if not cases:
+        return np.empty((0, *observed.measured.shape))
+    predicted = predict_cases(hypothesis.system, cases, observed.points)
+    of_channels = predicted[:, hypothesis.rows_of(observed.channels)]
+    whitened = (observed.measured - of_channels) / observed.deviation
     if hypothesis.shared_count:
         whitened -= observed.shared_columns @ theta[hypothesis.shared]
     return np.nan_to_num(whitened, nan=NO_ANSWER)
@@ -565,6 +592,9 @@ def _jacobian(
     unanswered = whitened == NO_ANSWER
     jacobian = np.empty((*whitened.shape, len(indices)))
     shared = hypothesis.shared
+    moved_columns: list[int] = []
+    steps: list[float] = []
+    cases: list[Case] = []
     for column, i in enumerate(indices):
         if shared.start <= i < shared.stop:
             of_shared = observed.shared_columns[..., i - shared.start]
@@ -573,9 +603,13 @@ def _jacobian(
         step = BASE_DIFFERENCE if i < hypothesis.base_count else SIZE_DIFFERENCE
         moved = theta.copy()
         moved[i] += step if theta[i] + step <= highest[i] else -step
-        moved_whitened = _whitened(hypothesis, observed, moved)
-        # Where an answer appears or is lost there is no slope.
-        comparable = (moved_whitened == NO_ANSWER) == unanswered
-        change = np.where(comparable, whitened - moved_whitened, 0.0)
-        jacobian[..., column] = change / (moved[i] - theta[i])
+        moved_columns.append(column)
+        steps.append(moved[i] - theta[i])
+        cases.append(hypothesis.case(moved))
+    moved_whitened = _whitened_cases(hypothesis, observed, cases, theta)
+    # Where an answer appears or is lost there is no slope.
+    comparable = (moved_whitened == NO_ANSWER) == unanswered
+    change = np.where(comparable, whitened - moved_whitened, 0.0)
+    slopes = change / np.array(steps)[:, None, None]
+    jacobian[..., moved_columns] = np.moveaxis(slopes, 0, -1)
     return jacobian

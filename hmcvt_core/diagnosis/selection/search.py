@@ -324,11 +324,11 @@ def _with_signatures_at(fit: Fit, proposals: Sequence[Proposal]) -> list[Proposa
         Best first.
     """
     log_form_priors = {}
-    signatures = []
+    forms = []
     for proposal in proposals:
-        form = proposal.effects[-1]
         log_form_priors[proposal.effects] = proposal.log_form_prior
-        signatures.append((form, fit.signature(form)))
+        forms.append(proposal.effects[-1])
+    signatures = list(zip(forms, fit.signatures_of(forms), strict=True))
     screened = []
     for proposal in screen(fit, signatures):
         log_form_prior = log_form_priors[proposal.effects]
