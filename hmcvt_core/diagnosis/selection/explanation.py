@@ -231,7 +231,8 @@ def explain(fit: Fit) -> Explanation:
 
 def explain_exactly(fit: Fit) -> Explanation:
     """Return the explanation of a refit continued with an exact Jacobian."""
-    return explain(refit(fit.hypothesis, fit.observed, fit.theta))
+    exact = refit(fit.hypothesis, fit.observed, fit.theta, whitened=fit.whitened)
+    return explain(exact)
 
 
 # --- discrepancies --------------------------------------------------------------------------
