@@ -182,6 +182,7 @@ class Fit:
             self.observed,
             self.theta,
             self.jacobian,
+            whitened=self.whitened,
             rough=True,
             noise=weights,
         )
@@ -227,6 +228,7 @@ def refit(
     start: Array | None = None,
     slopes: Array | None = None,
     *,
+    whitened: Array | None = None,
     rough: bool = False,
     noise: Array | None = None,
 ) -> Fit:
@@ -241,13 +243,17 @@ def refit(
         observed: the readings.
         start: theta to start from, or its first components; the prior mean if None.
         slopes: approximate `Fit.jacobian` at the start; taken by differences if None.
+        whitened: residuals at the start, if it is within the bounds and they are known.
         rough: whether to end where an updated Jacobian leads to no better point, once a step has
             been made or if the next one is negligible.
         noise: variance of each channel by which it is weighed, shape (channels,); estimated from
             the residuals if None. `Fit.noise` of the result is estimated in either case.
     """
     theta = _start(hypothesis, start)
-    descent = _descend(hypothesis, observed, theta, slopes, rough, noise)
+    if whitened is None:
+        whitened = _whitened(hypothesis, observed, theta)
+    first = _Trial(theta, whitened)
+    descent = _descend(hypothesis, observed, first, slopes, rough, noise)
     variance = _noise(observed, descent.whitened, len(theta))
     if descent.is_stuck and start is not None and noise is None:
         better = restart_from_prior(hypothesis, observed, variance, rough)
@@ -282,13 +288,13 @@ class _Descent(NamedTuple):
 def _descend(
     hypothesis: Hypothesis,
     observed: Observations,
-    theta: Array,
+    start: _Trial,
     slopes: Array | None,
     rough: bool,
     noise: Array | None,
 ) -> _Descent:
-    """Make Gauss-Newton steps from theta until none is better; arguments as of `refit`."""
-    whitened = _whitened(hypothesis, observed, theta)
+    """Make Gauss-Newton steps until none is better; arguments as of `refit`."""
+    theta, whitened = start
     jacobian = slopes
     if jacobian is None:
         jacobian = _jacobian(hypothesis, observed, theta, whitened)
@@ -480,13 +486,12 @@ def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
     for parameter in free.free_parameters:
         was_free.append(parameter in before.free_parameters)
     known = np.array(was_free)
-    whitened = _whitened(free, observed, theta)
     slopes = np.empty((*fit.whitened.shape, len(theta)))
     slopes[..., known] = fit.jacobian
     slopes[..., ~known] = _jacobian(
-        free, observed, theta, whitened, np.flatnonzero(~known).tolist()
+        free, observed, theta, fit.whitened, np.flatnonzero(~known).tolist()
     )
-    return refit(free, observed, theta, slopes, rough=rough)
+    return refit(free, observed, theta, slopes, whitened=fit.whitened, rough=rough)
 
 
 def refit_without(fit: Fit, i: int) -> Fit:

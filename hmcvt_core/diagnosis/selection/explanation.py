@@ -307,7 +307,8 @@ def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> 
 
 def explain_exactly(fit: Fit) -> Explanation:
     """Return the explanation of a refit continued with an exact Jacobian."""
-    return explain(refit(fit.hypothesis, fit.observed, fit.theta))
+    exact = refit(fit.hypothesis, fit.observed, fit.theta, whitened=fit.whitened)
+    return explain(exact)
 
 
 # --- discrepancies --------------------------------------------------------------------------

@@ -76,7 +76,14 @@ class Proposal(NamedTuple):
         slopes = np.concatenate([self.start.jacobian, added], axis=-1)
         # From sizes of zero no step leaves more than the start had left.
         theta = np.append(self.start.theta, np.zeros(len(self.changes)))
-        return refit(hypothesis, self.start.observed, theta, slopes, rough=True)
+        return refit(
+            hypothesis,
+            self.start.observed,
+            theta,
+            slopes,
+            whitened=self.start.whitened,
+            rough=True,
+        )
 
 
 def screen(
