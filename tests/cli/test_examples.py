@@ -494,7 +494,9 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     )
     output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
-    assert "model with bearing_drag (32 %, not certain) written to better.yaml" in output
+    assert (
+        "model with bearing_drag (32 %, not certain) written to better.yaml" in output
+    )
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

@@ -1,0 +1,75 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""An effect as a bend of the forms of others, and readings that are rare without a gap."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hmcvt_core.benches.transmission import Transmission
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.results.analysis import Analysis
+from hmcvt_core.diagnosis.results.verdict import verdict_of
+from hmcvt_core.diagnosis.selection.explanation import explain, with_bends
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
+from hmcvt_core.physics.effects.mechanical import Churning
+
+from .campaigns import BASE, campaign, diagnosed, fitted
+
+
+def explained(effects, **bench):
+    samples = campaign(effects, seed=1, **bench)
+    observed = fitted(samples).observed
+    return explain(refit(Hypothesis(Transmission(BASE), effects), observed))
+
+
+def test_a_small_effect_may_be_a_bend_of_a_large_one():
+    effects = (PressureLeakage(8e-11), StrokeLeakage(2e-12))
+    both = explained(effects, speed_noise=None)
+    bent = {item.bend: item for item in with_bends(both)}
+    assert bent.keys() == {"pressure_leakage", "stroke_leakage"}
+    likely = bent["stroke_leakage"]
+    assert likely.names == ("pressure_leakage",)
+    assert likely.is_listed_set
+    # The allowance holds the small one, and is far too narrow for the large one.
+    assert likely.log_evidence > both.log_evidence - 3.0
+    assert bent["pressure_leakage"].log_evidence < both.log_evidence - 20.0
+    # The model that is served keeps both.
+    assert len(likely.served_fit.effects) == 2
+
+
+def test_a_torque_is_no_bend_of_a_leak_where_the_output_speed_tells():
+    effects = (Churning(15.0), PressureLeakage(4e-11))
+    assert with_bends(explained(effects)) == []
+    assert len(with_bends(explained(effects, speed_noise=None))) == 2
+
+
+def test_effect_without_a_size_has_no_bend():
+    both = explained((PressureLeakage(8e-11), StrokeLeakage(2e-12)))
+    fit = both.fit
+    theta = fit.theta.copy()
+    theta[fit.hypothesis.size_indices] = 0.0
+    assert with_bends(replace(both, fit=replace(fit, theta=theta))) == []
+
+
+def test_rare_readings_that_nothing_explains_are_no_gap():
+    posterior = diagnosed("leakage").posterior
+    detection = SimpleNamespace(p_value=0.004)
+    assert Analysis(posterior, None, detection, seed=0).significant
+    analysis = Analysis(replace(posterior, no_gap=0.93), None, detection, seed=0)
+    verdict, (note,) = verdict_of(analysis)
+    assert verdict == "no_gap"
+    assert "p = 0.004" in note and "93 %" in note
+
+
+def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
+    found = diagnosed("charge pump without speed")
+    rmse = np.sqrt(np.mean(found.residuals**2))
+    assert found.gap.rmse == pytest.approx(rmse)
+    # A constant torque of 8 N m at these loads.
+    assert rmse > 2.0 * found.delivered.rmse_after
+    assert found.shrinkage.before == pytest.approx(
+        np.sqrt(rmse**2 - found.gap.noise**2), rel=0.15
+    )
