@@ -112,6 +112,7 @@ class Shafts(SteadyState):
         resting: NDArray[np.bool_] | None = None,
     ) -> None:
         self.stage = stage
+        self._parameters = parameters
         self.effects = effects
         self.points = points
         self.resting = resting
@@ -231,10 +232,27 @@ class Shafts(SteadyState):
         pressure = np.where(driving > 0.0, pressures[0], pressures[1])
         rests = speed == 0.0
         if rests.any():
-            part, leaking = self._at_rest(np.where(rests, speed, np.nan))
-            direction = np.where(rests, part, direction)
-            pressure = np.where(rests, leaking, pressure)
+            # Few points rest, and they take the most iterations.
+            of_points = np.flatnonzero(rests.reshape(-1, rests.shape[-1]).any(axis=0))
+            resting = np.where(rests, speed, np.nan)[..., of_points]
+            part, leaking = self._at_points(of_points)._at_rest(resting)
+            rests = rests[..., of_points]
+            direction[..., of_points] = np.where(rests, part, direction[..., of_points])
+            pressure[..., of_points] = np.where(
+                rests, leaking, pressure[..., of_points]
+            )
         return speed, direction, pressure
+
+    def _at_points(self, index: NDArray[np.intp]) -> "Shafts":
+        """Return the constants at some of the points."""
+        senses = [_at_index(sense, index) for sense in self.senses]
+        return Shafts(
+            self.stage,
+            self._parameters,
+            self.effects,
+            self.points.map(lambda values: values[..., index]),
+            Senses(*senses),
+        )
 
     def _at_rest(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that balances a motor at rest; its pressure; (2, n)."""
@@ -613,6 +631,11 @@ class Shafts(SteadyState):
             real[other] / ideal[other] / reference,
             real[mechanical] / ideal[mechanical] / reference,
         )
+
+
+def _at_index(value: Value, index: NDArray[np.intp]) -> Value:
+    """Return an array at some of the points; a number is the same at all."""
+    return value if np.ndim(value) == 0 else np.asarray(value)[..., index]
 
 
 def _in_shape_of(other: Array, value: Value) -> Array:
