@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_ITERATIONS = 40
 _MEMORY = 8
 """Steps that are remembered; then the method starts anew from where it is."""
+_ROUNDS = 5
+"""How often it starts, at most."""
 _TOLERANCE = 1e-7
 """Scaled residual at which the next step is the last: a step from there is exact to rounding."""
+_EXACT = 1e-10
+"""Scaled residual up to which a point takes no further steps while others do."""
 _SETTLED = 1e-6
 """Scaled residual up to which a point counts as solved: the last digits of the terms are noise."""
 _SLOPES = (0.05, 20.0)
@@ -42,9 +45,6 @@ class _Steps:
 
     def bent(self, residual: Array) -> Array:
         """Return the next step for a residual, both of shape (unknowns, n)."""
-        if len(self._steps) == _MEMORY:
-            self._steps.clear()
-            self._directions.clear()
         if not self._steps:
             return residual
         step = residual
@@ -73,6 +73,7 @@ def broyden(
     first: Array,
     scale: Array,
     longest_step: float = math.inf,
+    restricted: Callable[[NDArray[np.intp]], Callable[..., Array]] | None = None,
 ) -> Array:
     """Solve x = function(*x) at n points.
 
@@ -81,13 +82,42 @@ def broyden(
         first: where to start, shape (unknowns, ..., n).
         scale: typical size of each unknown, broadcasts to `first`.
         longest_step: longest change of an unknown in one step, in scales.
+        restricted: returns the function at some of the points, given by their index; None
+            evaluates it at all points until the last one is solved.
 
     Returns:
         The solutions, shape as `first`; NaN where the iteration does not settle.
     """
-    unknown = first / scale
+    scales = np.broadcast_to(scale, first.shape)
+    solution = np.empty_like(first)
+    unsolved = np.arange(first.shape[-1])
+    unknown = first / scales
+    for _ in range(_ROUNDS):
+        unknown, residual = _iterated(function, unknown, scales, longest_step)
+        settled = (np.abs(residual) <= _SETTLED).all(axis=0)
+        solution[..., unsolved] = np.where(settled, unknown * scales, np.nan)
+        if not (np.abs(residual) > _TOLERANCE).any():
+            break
+        is_open = (np.abs(residual) > _EXACT).reshape(-1, len(unsolved)).any(axis=0)
+        if restricted is not None and not is_open.all():
+            # Most points are solved by then, and a few take many times as long.
+            unsolved = unsolved[is_open]
+            function = restricted(unsolved)
+            unknown = unknown[..., is_open]
+            scales = scales[..., is_open]
+    return solution
+
+
+def _iterated(
+    function: Callable[..., Array], unknown: Array, scale: Array, longest_step: float
+) -> tuple[Array, Array]:
+    """Make steps until all points are solved, at most as many as are remembered.
+
+    Returns:
+        The unknowns, in scales, and the residual before the last step.
+    """
     steps = _Steps()
-    for _ in range(_ITERATIONS):
+    for _ in range(_MEMORY):
         residual = function(*(unknown * scale)) / scale - unknown
         step = steps.bent(residual)
         if longest_step < math.inf:
@@ -97,8 +127,7 @@ def broyden(
         if not (np.abs(residual) > _TOLERANCE).any():
             break
         steps.add(step)
-    settled = (np.abs(residual) <= _SETTLED).all(axis=0)
-    return np.where(settled, unknown * scale, np.nan)
+    return unknown, residual
 
 
 def _dot(first: Array, second: Array) -> Array:

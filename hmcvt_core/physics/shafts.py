@@ -10,7 +10,8 @@ motor.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +113,7 @@ class Shafts(SteadyState):
         resting: NDArray[np.bool_] | None = None,
     ) -> None:
         self.stage = stage
+        self._parameters = parameters
         self.effects = effects
         self.points = points
         self.resting = resting
@@ -231,10 +233,28 @@ class Shafts(SteadyState):
         pressure = np.where(driving > 0.0, pressures[0], pressures[1])
         rests = speed == 0.0
         if rests.any():
-            part, leaking = self._at_rest(np.where(rests, speed, np.nan))
-            direction = np.where(rests, part, direction)
-            pressure = np.where(rests, leaking, pressure)
+            # Few points rest, and they take the most iterations.
+            of_points = np.flatnonzero(rests.reshape(-1, rests.shape[-1]).any(axis=0))
+            resting = np.where(rests, speed, np.nan)[..., of_points]
+            part, leaking = self._at_points(of_points)._at_rest(resting)
+            rests = rests[..., of_points]
+            direction[..., of_points] = np.where(rests, part, direction[..., of_points])
+            pressure[..., of_points] = np.where(
+                rests, leaking, pressure[..., of_points]
+            )
         return speed, direction, pressure
+
+    def _at_points(self, index: NDArray[np.intp]) -> "Shafts":
+        """Return the constants at some of the points."""
+        senses = [_at_index(sense, index) for sense in self.senses]
+        return Shafts(
+            self.stage,
+            self._parameters,
+            self.effects,
+            self.points.map(lambda values: values[..., index]),
+            Senses(*senses),
+            None if self.resting is None else self.resting[..., index],
+        )
 
     def _at_rest(self, speed: Array) -> Array:
         """Part of the friction, -1 to 1, that balances a motor at rest; its pressure; (2, n)."""
@@ -247,7 +267,7 @@ class Shafts(SteadyState):
         part, pressure = self._solved(
             np.clip(0.5 * (ahead + back) / share, -1.0, 1.0),
             1.0,
-            lambda part: (speed, part, self.stroke),
+            lambda shafts, part, index: (speed[..., index], part, shafts.stroke),
             share,
         )
         return np.stack([np.clip(part, -1.0, 1.0), pressure])
@@ -266,7 +286,7 @@ class Shafts(SteadyState):
         return self._solved(
             speed,
             self.pump_ratios[0] * self.engine_speed,
-            lambda speed: (speed, direction, self.stroke),
+            lambda shafts, speed, index: (speed, direction[..., index], shafts.stroke),
             1.0 - self._row_share(self.stroke) + leaking / displacement**2,
             is_missed,
             closed_form_pressure,
@@ -281,7 +301,11 @@ class Shafts(SteadyState):
         stroke, _ = self._solved(
             self.points.displacement_ratio,
             1.0,
-            lambda commanded: (speed, direction, self.true_stroke(commanded)),
+            lambda shafts, commanded, index: (
+                speed[..., index],
+                direction[..., index],
+                shafts.true_stroke(commanded),
+            ),
             -self.flow_ratio * self._pump_speed(reflected),
         )
         return np.asarray(stroke)
@@ -290,7 +314,7 @@ class Shafts(SteadyState):
         self,
         first: Array,
         scale: Value,
-        motor_state: Callable[[Array], _MotorState],
+        motor_state: Callable[["Shafts", Array, Any], _MotorState],
         gain: Array,
         is_missed: Callable[[Array], NDArray[np.bool_]] = np.isnan,
         closed_form_pressure: Array | None = None,
@@ -302,15 +326,26 @@ class Shafts(SteadyState):
         Args:
             first: unknown to start from, shape (..., n).
             scale: of the unknown.
-            motor_state: gives motor speed, direction and stroke for an unknown.
+            motor_state: gives motor speed, direction and stroke for an unknown at some points,
+                from the constants and the index of these points.
             gain: what the unknown adds to the speed above that of the flow, about.
             is_missed: which solutions of the first attempt are to be sought again.
             closed_form_pressure: to start from in a last attempt [Pa], shape (..., n).
         """
+        everywhere = slice(None)
 
-        def improved(unknown: Array, pressure: Array) -> Array:
-            surplus, pressure = self._surplus(*motor_state(unknown), pressure)
-            return np.array([unknown + surplus / gain, pressure])
+        def improved(
+            unknown: Array,
+            pressure: Array,
+            shafts: Shafts = self,
+            index: Any = everywhere,
+        ) -> Array:
+            state = motor_state(shafts, unknown, index)
+            surplus, pressure = shafts._surplus(*state, pressure)
+            return np.array([unknown + surplus / gain[..., index], pressure])
+
+        def improved_at(index: NDArray[np.intp]) -> Callable[..., Array]:
+            return partial(improved, shafts=self._at_points(index), index=index)
 
         def retried(solution: Array, pressure: Array) -> Array:
             """Seek what is missed once more in short steps, from another pressure."""
@@ -319,13 +354,14 @@ class Shafts(SteadyState):
             has_start = np.isfinite(start).all(axis=0)
             if not (is_missed(solution[0]) & has_start).any():
                 return solution
-            careful = broyden(improved, start, scales, _SHORT_STEP)
+            careful = broyden(improved, start, scales, _SHORT_STEP, improved_at)
             return np.where(np.isnan(solution), careful, solution)
 
-        estimate = self._estimate(*motor_state(first))
+        estimate = self._estimate(*motor_state(self, first, everywhere))
         pressure_scale = np.full(estimate.shape, _PRESSURE_SCALE)
         scales = np.stack(np.broadcast_arrays(scale, pressure_scale))
-        solution = broyden(improved, np.stack([first, estimate]), scales)
+        start = np.stack([first, estimate])
+        solution = broyden(improved, start, scales, restricted=improved_at)
         solution = retried(solution, estimate)
         if closed_form_pressure is not None:
             # Next to the pole the torques hardly determine a pressure, but the flow does.
@@ -613,6 +649,11 @@ class Shafts(SteadyState):
             real[other] / ideal[other] / reference,
             real[mechanical] / ideal[mechanical] / reference,
         )
+
+
+def _at_index(value: Value, index: NDArray[np.intp]) -> Value:
+    """Return an array at some of the points; a number is the same at all."""
+    return value if np.ndim(value) == 0 else np.asarray(value)[..., index]
 
 
 def _in_shape_of(other: Array, value: Value) -> Array:

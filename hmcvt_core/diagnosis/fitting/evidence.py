@@ -143,7 +143,8 @@ def _inverse_and_log_determinant(matrices: Array) -> tuple[Array, Array]:
         factor, failure = dpotrf(matrix)
         if failure:
             # Readings so exact that rounding hides the priors.
-            return np.linalg.inv(matrices), np.linalg.slogdet(matrices)[1]
+            inverses = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
+            return inverses, np.linalg.slogdet(matrices)[1]
         roots[i], _ = dtrtri(factor, overwrite_c=True)
     inverses = roots @ np.swapaxes(roots, 1, 2)
     diagonals = np.diagonal(roots, axis1=1, axis2=2)
