@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""How far predictions are from measurements: relative errors and RSQ."""
+"""How far predictions are from measurements: relative errors, misfit and RSQ."""
 
 import numpy as np
 
@@ -22,6 +22,28 @@ def mean_error(predicted: Array, measured: Array) -> float:
     errors = relative_errors(predicted, measured)
     answered = errors[np.isfinite(errors)]
     return float(answered.mean()) if len(answered) else np.nan
+
+
+def misfit(
+    errors: Array, noise: Array | float, parameter_errors: Array | float
+) -> float:
+    """Root mean square of errors beyond noise and errors of the parameters [-].
+
+    Args:
+        errors: predicted - measured, or the reverse, at samples left out of the fit [-], shape
+            (n,); NaN without an answer.
+        noise: standard deviation of the measured efficiency [-], shape (n,) or scalar.
+        parameter_errors: standard error of the prediction from the parameters [-], shape (n,) or
+            scalar.
+
+    Returns:
+        0 where noise and parameters explain the errors, or where no sample has an answer.
+    """
+    squares = errors**2 - np.square(noise) - np.square(parameter_errors)
+    answered = squares[np.isfinite(squares)]
+    if not len(answered):
+        return 0.0
+    return float(np.sqrt(max(answered.mean(), 0.0)))
 
 
 def determination_loss(predicted: Array, measured: Array) -> Array:

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from ...diagnosis import Diagnosis
 from ...diagnosis.system import Array
 from ...files.bench import BenchSamples
+from ...model.accuracy import misfit
 from ...model.model import EfficiencyModel
 from ...physics.effects.empirical import EmpiricalLoss
+from .misfit import believed_noise, parameter_errors
 
 MOST_BUMPS = 40
 """Most bumps of a remainder. Limit of computing time of the served model."""
@@ -92,6 +94,12 @@ def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
         },
     }
     fitted = replace(model, effects=(*model.effects, *effects), provenance=provenance)
+    missed = misfit(
+        np.array([left_out]),
+        believed_noise(diagnosis),
+        parameter_errors(fitted, samples),
+    )
+    fitted = replace(fitted, misfit=missed)
     return EmpiricalRemainder(fitted, len(effects), without, left_out)
 
 
