@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
 from ..files import data_path
@@ -33,14 +34,14 @@ from . import annealing
 from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
 from .cross_validation import folds
-from .misfit import misfit_remarks, with_misfit
+from .misfit import misfit_remarks, missed_alike, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
 from .precision import precision
 from .problem import Problem
 from .provenance import origin
 from .remarks import unchecked, undetermined
 from .result import Identification
-from .robust import thinned
+from .robust import thinned, thinned_rows
 from .set_aside import Agreement, agreement
 
 SCHEDULES: Mapping[str, Schedule] = {
@@ -122,7 +123,11 @@ def identify(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
             f"sample: {reasons}"
         )
-    model = _with_misfit(_fitted_model(problem, scaled), problem, scaled, seed)
+    model = _fitted_model(problem, scaled)
+    if formulation != PUBLISHED.name:
+        # A refit of the paper's formulas takes seconds, and nothing serves them.
+        everything = replace(problem, samples=given)
+        model = _with_misfit(model, everything, agreeing.belongs, scaled, seed)
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
     remarks += agreeing.remarks
@@ -270,22 +275,34 @@ def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
 
 
 def _with_misfit(
-    model: EfficiencyModel, problem: Problem, scaled: Array, seed: int | None
+    model: EfficiencyModel,
+    problem: Problem,
+    belongs: NDArray[np.bool_],
+    scaled: Array,
+    seed: int | None,
 ) -> EfficiencyModel:
     """Return a fitted model with its misfit, from refits that each leave out a fold.
 
-    The formulas of the paper have none: a refit of them takes seconds, and nothing serves them.
+    Args:
+        model: fitted to the samples that belong.
+        problem: of all samples.
+        belongs: which samples are not set aside, shape (n,).
+        scaled: the best point, shape (3,).
+        seed: of the folds.
     """
-    if model.formulation == PUBLISHED.name:
-        return model
-    samples = thinned(problem.samples)
-    fold = folds(samples, 0 if seed is None else seed)
+    rows = thinned_rows(problem.samples)
+    samples = problem.samples.select(rows)
+    belongs = belongs[rows]
+    fold = np.full(len(samples), -1)
+    fold[belongs] = folds(samples.select(belongs), 0 if seed is None else seed)
     others = []
     for part in range(fold.max() + 1):
-        rest = replace(problem, samples=samples.select(fold != part))
+        fitted = belongs & (fold != part)
+        rest = replace(problem, samples=samples.select(fitted))
         refitted, _ = rest.finish(scaled[None, :])
         others.append(_fitted_model(rest, refitted))
-    return with_misfit(model, samples, fold, others)
+    counted = belongs | missed_alike(model, samples, belongs)
+    return with_misfit(model, samples.select(counted), fold[counted], others)
 
 
 def _errors_by_stage(

@@ -19,18 +19,22 @@ AnyDiagnosis = TypeVar("AnyDiagnosis", bound=Diagnosis)
 
 
 def with_misfits(diagnosis: AnyDiagnosis, inherited: float = 0.0) -> AnyDiagnosis:
-    """Return a diagnosis whose models state their misfit: the gap that each leaves.
+    """Return a diagnosis whose models state their misfit.
+
+    It is that of the gap that a model leaves, or of what it leaves of the readings if that is more:
+    the diagnosis may explain readings by errors of meters and gears, which the served parameters
+    do not hold.
 
     Args:
         diagnosis: of a transmission.
         inherited: misfit of the sound model with which the readings are compared [-].
     """
     gap_before = float(np.hypot(diagnosis.shrinkage.before, inherited))
-    base = _with_gap(diagnosis.base, gap_before, diagnosis.samples)
+    base = _with_gap(diagnosis, diagnosis.base, gap_before)
     causes = []
     for cause in diagnosis.causes:
         gap_after = float(np.hypot(_gap_after(diagnosis, cause), inherited))
-        model = _with_gap(cause.model, gap_after, diagnosis.samples)
+        model = _with_gap(diagnosis, cause.model, gap_after)
         causes.append(replace(cause, model=model))
     return replace(diagnosis, base=base, causes=tuple(causes))
 
@@ -43,11 +47,13 @@ def _gap_after(diagnosis: Diagnosis, cause: Cause) -> float:
 
 
 def _with_gap(
-    model: EfficiencyModel, gap: float, samples: BenchSamples
+    diagnosis: Diagnosis, model: EfficiencyModel, gap: float
 ) -> EfficiencyModel:
-    """Return a model with the misfit that a gap leaves beyond the errors of its parameters."""
+    """Return a model with the misfit that its residuals show, and a gap that it leaves."""
+    samples: BenchSamples = diagnosis.samples
+    missed = model.readings_at(samples.points)[0] - samples.efficiency
     errors = parameter_errors(model, samples)
-    return replace(model, misfit=misfit(np.array([gap]), 0.0, errors))
+    return replace(model, misfit=misfit(missed, believed_noise(diagnosis), errors, gap))
 
 
 def parameter_errors(model: EfficiencyModel, samples: BenchSamples) -> Array:
