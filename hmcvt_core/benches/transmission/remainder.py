@@ -4,7 +4,7 @@
 The engine torque that the model misses is fitted by a sum of Gaussian bumps over stroke, engine
 speed and load (`hmcvt_core.physics.effects.empirical`), with normal priors of their heights. The
 width along each axis and the prior are those of the least error at samples left out; where none
-lowers it, nothing is added.
+lowers it, nothing is added. The error that counts is that of samples left out of this choice, too.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ FOLDS = 8
 LEAST_GAIN = 0.95
 """Ratio of errors at samples left out below which a remainder is added; chosen.
 
-A smaller gain may be chance, as the best of many choices is taken.
+A smaller gain may be chance.
 """
 LEAST_SAMPLES = 16
 """Fewest samples of a remainder: two in each fold."""
@@ -83,12 +83,11 @@ def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
     if len(index) < LEAST_SAMPLES or _stages_of(samples) > 1:
         return nothing
     bumps = _Bumps.of(samples, predicted)
-    widths, height = bumps.best_shape()
-    missed = bumps.left_out_errors(widths, height)
+    missed = bumps.nested_errors()
     left_out = rms(missed)
     if left_out > LEAST_GAIN * without:
         return nothing
-    effects = bumps.effects(widths, height)
+    effects = bumps.effects(*bumps.best_shape())
     provenance = {
         **model.provenance,
         "empirical_remainder": {
@@ -116,7 +115,7 @@ class _Bumps:
         scaled: operating points, axes scaled by their range, shape (n, 3).
         low: lowest value along each axis, shape (3,).
         width: range of each axis, shape (3,).
-        centres: indices of the samples at which bumps lie.
+        centres: of the bumps, scaled like the samples, shape (bumps, 3).
         torque: engine torque missed [N m], shape (n,).
         per_torque: change of the efficiency by a torque on the engine [1/(N m)], shape (n,).
     """
@@ -124,7 +123,7 @@ class _Bumps:
     scaled: Array
     low: Array
     width: Array
-    centres: NDArray[np.intp]
+    centres: Array
     torque: Array
     per_torque: Array
 
@@ -146,7 +145,27 @@ class _Bumps:
         torque = load * (1.0 / samples.efficiency - 1.0 / predicted)
         count = min(MOST_BUMPS, len(samples) // SAMPLES_PER_BUMP)
         per_torque = -(predicted**2) / load
-        return cls(scaled, low, width, _spread(scaled, count), torque, per_torque)
+        centres = scaled[_spread(scaled, count)]
+        return cls(scaled, low, width, centres, torque, per_torque)
+
+    def nested_errors(self) -> Array:
+        """Return errors of the efficiency at samples left out of fit and choice [-], shape (n,)."""
+        n = len(self.torque)
+        errors = np.empty(n)
+        for rows in _folds(n):
+            kept = np.setdiff1d(np.arange(n), rows)
+            widths, height = self.select(kept).best_shape()
+            errors[rows] = self._errors_at(rows, kept, widths, height)
+        return errors
+
+    def select(self, rows: NDArray[np.intp]) -> _Bumps:
+        """Return the same bumps with some of the samples."""
+        return replace(
+            self,
+            scaled=self.scaled[rows],
+            torque=self.torque[rows],
+            per_torque=self.per_torque[rows],
+        )
 
     def best_shape(self) -> tuple[Array, float]:
         """Return the widths along the axes, shape (3,), and the prior of least error left out."""
@@ -157,27 +176,44 @@ class _Bumps:
                 errors = []
                 for width in WIDTHS:
                     widths[axis] = width
-                    errors.append(rms(self.left_out_errors(widths, height)))
+                    errors.append(rms(self._left_out_errors(widths, height)))
                 widths[axis] = WIDTHS[int(np.argmin(errors))]
             height = self._best_height(widths)
         return widths, height
 
     def _best_height(self, widths: Array) -> float:
         """Return the prior deviation of the heights of least error at samples left out."""
-        errors = [rms(self.left_out_errors(widths, height)) for height in HEIGHTS]
+        errors = [rms(self._left_out_errors(widths, height)) for height in HEIGHTS]
         return HEIGHTS[int(np.argmin(errors))]
 
-    def left_out_errors(self, widths: Array, height: float) -> Array:
-        """Return the errors of the efficiency at samples left out [-], shape (n,)."""
+    def _left_out_errors(self, widths: Array, height: float) -> Array:
+        """Return the errors of the efficiency at samples left out of the fit [-], shape (n,)."""
         n = len(self.torque)
-        order = np.random.default_rng(0).permutation(n)
         errors = np.empty(n)
-        columns = self._columns(widths)
-        for rows in np.array_split(order, FOLDS):
+        for rows in _folds(n):
             kept = np.setdiff1d(np.arange(n), rows)
-            heights = self._heights(columns, kept, height)
-            errors[rows] = self.torque[rows] - columns[rows] @ heights
-        return self.per_torque * errors
+            errors[rows] = self._errors_at(rows, kept, widths, height)
+        return errors
+
+    def _errors_at(
+        self,
+        rows: NDArray[np.intp],
+        kept: NDArray[np.intp],
+        widths: Array,
+        height: float,
+    ) -> Array:
+        """Return the errors of the efficiency at some samples, of a fit to others [-].
+
+        Args:
+            rows: samples that are predicted.
+            kept: samples that are fitted.
+            widths: of the bumps along the axes, shape (3,).
+            height: prior deviation of the heights / root mean square of the torque.
+        """
+        columns = self._columns(widths)
+        heights = self._heights(columns, kept, height)
+        missed = self.torque[rows] - columns[rows] @ heights
+        return self.per_torque[rows] * missed
 
     def effects(self, widths: Array, height: float) -> list[EmpiricalLoss]:
         """Return the bumps fitted to all samples."""
@@ -186,7 +222,7 @@ class _Bumps:
         stroke_width, speed_width, load_width = (widths * self.width).tolist()
         effects = []
         for centre, torque in zip(self.centres, heights.tolist(), strict=True):
-            stroke, speed, load = (self.low + self.scaled[centre] * self.width).tolist()
+            stroke, speed, load = (self.low + centre * self.width).tolist()
             effects.append(
                 EmpiricalLoss(
                     torque=torque,
@@ -204,7 +240,7 @@ class _Bumps:
         """Return the bumps of height one at the samples, shape (n, bumps)."""
         from scipy.spatial.distance import cdist
 
-        distance = cdist(self.scaled / widths, self.scaled[self.centres] / widths)
+        distance = cdist(self.scaled / widths, self.centres / widths)
         return np.asarray(np.exp(-0.5 * distance**2))
 
     def _heights(self, columns: Array, rows: NDArray[np.intp], prior: float) -> Array:
@@ -223,6 +259,12 @@ class _Bumps:
         ridge = noise / max(deviation, 1e-12) ** 2
         gram = design.T @ design + ridge * np.eye(design.shape[1])
         return np.asarray(np.linalg.solve(gram, design.T @ target))
+
+
+def _folds(count: int) -> list[NDArray[np.intp]]:
+    """Return the positions of samples in random folds."""
+    order = np.random.default_rng(0).permutation(count)
+    return np.array_split(order, FOLDS)
 
 
 def _spread(points: Array, count: int) -> NDArray[np.intp]:
