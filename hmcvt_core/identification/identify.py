@@ -34,7 +34,7 @@ from . import annealing
 from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
 from .cross_validation import folds
-from .misfit import misfit_remarks, missed_alike, with_misfit
+from .misfit import FEWEST, misfit_remarks, missed_alike, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
 from .precision import precision
 from .problem import Problem
@@ -124,8 +124,8 @@ def identify(
             f"sample: {reasons}"
         )
     model = _fitted_model(problem, scaled)
-    if formulation != PUBLISHED.name:
-        # A refit of the paper's formulas takes seconds, and nothing serves them.
+    # A refit of the paper's formulas takes seconds, and nothing serves them.
+    if formulation != PUBLISHED.name and len(samples) >= FEWEST:
         everything = replace(problem, samples=given)
         model = _with_misfit(model, everything, agreeing.belongs, scaled, seed)
     predicted = problem.predict(scaled)
