@@ -236,7 +236,7 @@ def _tables(
 
 
 def _error_tables(model: EfficiencyModel) -> str:
-    """Return steps of the parameters, standard errors in such steps, and the correlation."""
+    """Return steps of the parameters, errors in such steps, correlation and squared misfit."""
     base = model.parameters.to_array()
     counts = []
     steps = []
@@ -248,10 +248,14 @@ def _error_tables(model: EfficiencyModel) -> str:
     for row in np.asarray(model.correlation).tolist():
         rows.append("    " + c_text.numbers(row))
     return (
-        "/* Step of each parameter, its standard error in such steps, and their correlation. */\n"
+        "/* Step of each parameter, its standard error in such steps, their correlation, and the\n"
+        " * variance of what the model misses. */\n"
         f"static const hmcvt_real parameter_steps[3] = {c_text.numbers(steps)};\n"
         f"static const hmcvt_real error_steps[3] = {c_text.numbers(counts)};\n"
-        "static const hmcvt_real correlation[3][3] = {\n" + ",\n".join(rows) + "\n};\n"
+        "static const hmcvt_real correlation[3][3] = {\n"
+        + ",\n".join(rows)
+        + "\n};\n"
+        + f"static const hmcvt_real misfit_squared = {c_text.literal(model.misfit**2)};\n"
     )
 
 

@@ -41,6 +41,8 @@ _COMPARED_POINTS = 500
 _SEED = 20240503
 _MOST_NODES = 100_000  # of one stage: 800 KB
 _MOST_ROUNDS = 12
+_PART_OF_BOUND = 0.9
+"""Of the bound, that trial points keep: others have a larger error by chance."""
 _SPLIT = 0.5  # intervals with this part of the largest error are split
 _RESTING = 1e-9  # of the engine speed
 _FIRST_STROKES = np.linspace(-1.0, 1.0, 17)
@@ -171,18 +173,28 @@ def _refined(model: EfficiencyModel, bound: float) -> EffectTable:
     """Return a table of one stage with ever more nodes, until the bound holds."""
     rng = np.random.default_rng(_SEED)
     axes: Axes = (_FIRST_STROKES, _FIRST_SPEEDS, _FIRST_LOADS)
+    attainable = np.inf
     for _ in range(_MOST_ROUNDS):
         table = _table(model, axes)
         errors = _errors(model, table, _random_points(rng, _TRIAL_POINTS))[0]
-        if np.nanquantile(errors, COVERAGE) <= 0.9 * bound:
+        error = float(np.nanquantile(errors, COVERAGE))
+        if error <= _PART_OF_BOUND * bound:
             return table
+        attainable = min(attainable, error / _PART_OF_BOUND)
         axes = _split(model, table)
         if np.prod([axis.size for axis in axes]) > _MOST_NODES:
             break
     raise InputError(
         f"stage {model.stage.name}: its effects need a table of more than {_MOST_NODES} "
-        f"nodes for an efficiency within {bound:g}; allow a larger bound"
+        f"nodes for an efficiency within {bound:g}; allow a larger bound, "
+        f"{_rounded_up(attainable):g} is attainable"
     )
+
+
+def _rounded_up(value: float) -> float:
+    """Return the next larger number of two significant digits."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 1.0)
+    return float(np.ceil(value / step) * step)
 
 
 def _random_points(rng: np.random.Generator, count: int) -> OperatingPoints:

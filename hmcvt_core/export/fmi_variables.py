@@ -168,7 +168,7 @@ def _outputs() -> Sequence[Variable]:
             "efficiency_std",
             REAL,
             "output",
-            "Standard error of the efficiency from the parameters; NaN where unknown",
+            "Standard error of the efficiency from parameters and misfit; NaN where unknown",
             PLAIN,
         ),
         Variable(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
 from ..files import data_path
@@ -32,13 +33,15 @@ from ..transmission.stage import Stage
 from . import annealing
 from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
+from .cross_validation import folds
+from .misfit import FEWEST, misfit_remarks, missed_alike, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
 from .precision import precision
 from .problem import Problem
 from .provenance import origin
 from .remarks import unchecked, undetermined
 from .result import Identification
-from .robust import thinned
+from .robust import thinned, thinned_rows
 from .set_aside import Agreement, agreement
 
 SCHEDULES: Mapping[str, Schedule] = {
@@ -121,14 +124,20 @@ def identify(
             f"sample: {reasons}"
         )
     model = _fitted_model(problem, scaled)
+    # A refit of the paper's formulas takes seconds, and nothing serves them.
+    if formulation != PUBLISHED.name and len(samples) >= FEWEST:
+        everything = replace(problem, samples=given)
+        model = _with_misfit(model, everything, agreeing.belongs, scaled, seed)
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, samples.efficiency)
     remarks += agreeing.remarks
     if len(aside):
         remarks.append(_fit_with_all(replace(problem, samples=given), scaled))
     remarks += undetermined(samples, model)
+    remarks += misfit_remarks(model)
     provenance: dict[str, Any] = {
         **origin("identify", given, seed),
+        **model.provenance,
         "objective": problem.criterion.name,
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
@@ -263,6 +272,37 @@ def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
         correlation=correlation,
         domain=Domain.of(problem.samples),
     )
+
+
+def _with_misfit(
+    model: EfficiencyModel,
+    problem: Problem,
+    belongs: NDArray[np.bool_],
+    scaled: Array,
+    seed: int | None,
+) -> EfficiencyModel:
+    """Return a fitted model with its misfit, from refits that each leave out a fold.
+
+    Args:
+        model: fitted to the samples that belong.
+        problem: of all samples.
+        belongs: which samples are not set aside, shape (n,).
+        scaled: the best point, shape (3,).
+        seed: of the folds.
+    """
+    rows = thinned_rows(problem.samples)
+    samples = problem.samples.select(rows)
+    belongs = belongs[rows]
+    fold = np.full(len(samples), -1)
+    fold[belongs] = folds(samples.select(belongs), 0 if seed is None else seed)
+    others = []
+    for part in range(fold.max() + 1):
+        fitted = belongs & (fold != part)
+        rest = replace(problem, samples=samples.select(fitted))
+        refitted, _ = rest.finish(scaled[None, :])
+        others.append(_fitted_model(rest, refitted))
+    counted = belongs | missed_alike(model, samples, belongs)
+    return with_misfit(model, samples.select(counted), fold[counted], others)
 
 
 def _errors_by_stage(

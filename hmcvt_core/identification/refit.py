@@ -38,6 +38,7 @@ from .cross_validation import (
     cross_validate,
     folds,
 )
+from .misfit import misfit_remarks, missed_alike, with_misfit
 from .provenance import origin
 from .remarks import undetermined
 from .robust import MEDIAN_TO_DEVIATION, RobustProblem
@@ -282,9 +283,9 @@ def refit(
             "samples: check stage, units and load torque"
         )
     update = Update.of(used, fit)
-    model = update.applied(used)
     fold = folds(used.samples, seed)
     others = _refits_without_each_fold(used, fold, update)
+    model = _with_misfit(update.applied(used), samples, belongs, fold, others)
     held_back = None
     if others:
         held_back = cross_validate(used.samples, model, served, fold, others)
@@ -303,7 +304,7 @@ def refit(
     error_before = _error(served, samples)
     error_after = _error(model, samples)
     provenance = {
-        **_kept_provenance(served),
+        **_kept_provenance(model),
         **origin("refit", samples, seed),
         "set_aside": len(candidate.aside),
         "fit_error": float(f"{error_after:.6g}"),
@@ -352,11 +353,35 @@ def _error(model: EfficiencyModel, samples: BenchSamples) -> float:
     return mean_error(predicted, samples.efficiency)
 
 
-def _kept_provenance(served: EfficiencyModel) -> dict[str, Any]:
-    """What a refit does not change: the units that the model was measured on."""
-    if "units" not in served.provenance:
-        return {}
-    return {"units": served.provenance["units"]}
+def _kept_provenance(model: EfficiencyModel) -> dict[str, Any]:
+    """What a refit does not change, such as the units that were measured, and the noise."""
+    return {
+        name: model.provenance[name]
+        for name in ("units", "misfit_noise")
+        if name in model.provenance
+    }
+
+
+def _with_misfit(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    belongs: NDArray[np.bool_],
+    fold: NDArray[np.intp],
+    others: list[EfficiencyModel],
+) -> EfficiencyModel:
+    """Return the refit with its misfit.
+
+    Args:
+        model: the refit to the samples that belong.
+        samples: n of them.
+        belongs: which of them are not set aside, shape (n,).
+        fold: of those that belong.
+        others: for each fold, the refit without it.
+    """
+    all_folds = np.full(len(samples), -1)
+    all_folds[belongs] = fold
+    counted = belongs | missed_alike(model, samples, belongs)
+    return with_misfit(model, samples.select(counted), all_folds[counted], others)
 
 
 # --- what speaks against a refit ------------------------------------------------------------------
@@ -576,6 +601,7 @@ def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> lis
             f"average, the limit is {100 * candidate.drift_limit:.3g}"
         )
     warnings += undetermined(used, candidate.model)
+    warnings += misfit_remarks(candidate.model)
     if candidate.held_back is None:
         warnings.append(
             f"fewer than {FEWEST} samples: none could be held back to check the refit"

@@ -107,6 +107,7 @@ class Identification:
             "stages": stages,
             "parameters": self.model.to_mapping()["parameters"],
             "correlation": self.correlation.tolist(),
+            "misfit": self.model.misfit,
             "samples": len(self.samples),
             "fit_error": self.fit_error,
             "prediction_error": self.prediction_error,
@@ -178,6 +179,11 @@ class Identification:
         yield from self._error_lines()
 
     def _error_lines(self) -> Iterator[str]:
+        if self.model.misfit > 0.0:
+            yield (
+                f"  misfit                   {100 * self.model.misfit:6.2f} points "
+                "(root mean square of what the model misses at samples left out)"
+            )
         yield (
             f"  error of the fit         {100 * self.fit_error:6.2f} % "
             "(mean |predicted - measured| / measured)"

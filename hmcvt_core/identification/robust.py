@@ -52,9 +52,15 @@ def thinned(samples: BenchSamples) -> BenchSamples:
     """As many samples as the annealing looks at, spread over the displacement ratio."""
     if len(samples) <= _MOST_ANNEALED:
         return samples
+    return samples.select(thinned_rows(samples))
+
+
+def thinned_rows(samples: BenchSamples) -> NDArray[np.intp]:
+    """Return the positions of the samples that `thinned` keeps, by displacement ratio."""
     order = np.argsort(samples.displacement_ratio, kind="stable")
-    spread = np.linspace(0, len(order) - 1, _MOST_ANNEALED).astype(int)
-    return samples.select(order[spread])
+    count = min(len(order), _MOST_ANNEALED)
+    spread = np.linspace(0, len(order) - 1, count).astype(int)
+    return np.asarray(order[spread])
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,7 +181,8 @@ class Prediction(NamedTuple):
 
     Attributes:
         efficiency: output power / engine power [-]; NaN where the model has no answer.
-        standard_error: from the covariance of the parameters [-]; NaN where none is known.
+        standard_error: from the covariance of the parameters and the misfit of the model [-]; NaN
+            where that covariance is not known.
         inside_domain: whether the point lies in the box of the identification data.
     """
 

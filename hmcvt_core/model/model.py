@@ -83,6 +83,8 @@ class EfficiencyModel:
         provenance: where the parameters come from.
         other_stages: of the same transmission.
         units: pump and motor that were tested by themselves, by kind.
+        misfit: root mean square of what the model misses at samples left out of its fit, beyond
+            noise and errors of the parameters [-]; 0 where it is not known.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -98,11 +100,13 @@ class EfficiencyModel:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     other_stages: tuple[Stage, ...] = ()
     units: Mapping[str, MeasuredUnit] = field(default_factory=dict)
+    misfit: float = 0.0
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
         require_parameters(self.parameters)
         require_effects(self.effects)
+        ranges.MISFIT.check(self.misfit)
         self._formulation.require_valid(self.stage, self.effects)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -346,7 +350,8 @@ class EfficiencyModel:
     ) -> Prediction:
         """Efficiency with its standard error, and whether the data covered the point.
 
-        Arguments, shapes and errors are those of `efficiency`.
+        The standard error holds the errors of the parameters and `misfit`. Arguments, shapes and
+        errors are those of `efficiency`.
         """
         point = (displacement_ratio, engine_speed, load_torque)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
@@ -354,7 +359,8 @@ class EfficiencyModel:
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
         depends = slopes.any(axis=-1)
-        error = np.where(depends, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        variance = np.maximum(variance, 0.0) + self.misfit**2
+        error = np.where(depends, np.sqrt(variance), np.nan)
         inside = np.zeros(error.shape, dtype=bool)
         if self.domain is not None:
             inside = inside | self.domain.contains(*point)
@@ -592,6 +598,8 @@ class EfficiencyModel:
         }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
+        if self.misfit > 0.0:
+            data["misfit"] = float(self.misfit)
         if self.effects:
             data["effects"] = [effect_to_mapping(effect) for effect in self.effects]
         if self.domain is not None:
@@ -650,6 +658,8 @@ class EfficiencyModel:
             error = entry.get("standard_error")
             spread = "" if error is None else f" +- {error:.2g}"
             lines.append(f"  {name:<14} {entry['value']:.4g}{spread} {entry['unit']}")
+        if self.misfit > 0.0:
+            lines.append(f"  {'misfit':<14} {self.misfit:.2g} -")
         for effect in self.effects:
             lines.append(f"  effect {effect.name}")
         return "\n".join(lines)

@@ -57,7 +57,14 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
     TRANSMISSION_SCHEMA: {"schema": None, "name": None, **_GEAR_TRAIN},
     SCHEMA: {
         **dict.fromkeys(
-            ("schema", "checksum", "formulation", "correlation", "provenance")
+            (
+                "schema",
+                "checksum",
+                "formulation",
+                "correlation",
+                "misfit",
+                "provenance",
+            )
         ),
         "served": None,  # what a node adds on its topic ~/model
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
@@ -188,6 +195,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
+        misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
     )
 
 

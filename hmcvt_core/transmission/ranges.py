@@ -96,6 +96,7 @@ EFFICIENCY = Range("efficiency", 0.01, 1.0, "-", "a fraction, not percent")
 OUTPUT_SPEED = Range("output_speed", 0.1, 1000.0, "rad/s", "is it in r/min?")
 OIL_TEMPERATURE = Range("oil_temperature", -40.0, 150.0, "deg C", "is it in kelvin?")
 EFFICIENCY_STD = Range("efficiency_std", 1e-6, 0.2, "-", "a fraction, not percent")
+MISFIT = Range("misfit", 0.0, 1.0, "-", "a fraction, not percent")
 STAMP = Range("stamp", 0.0, 1e12, "s")
 PRESSURE = Range("pressure", -6e7, 6e7, "Pa", "high less low side of the motor")
 

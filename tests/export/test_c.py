@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The exported C answers as Python does, in every stage and at any load."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from core.made_up_stages import edge_points, made_up_model
@@ -137,3 +139,15 @@ def test_single_point_in_python_is_the_same(exported):
     answer, _ = built.library.predict(built.number("HM3"), *points)
     single = [part.efficiency(*point) for point in np.array(points).T.tolist()]
     assert bits_differ(answer["efficiency"], np.array(single)) == 0
+
+
+@needs_compiler
+def test_standard_error_holds_the_misfit(tmp_path):
+    shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    model = replace(shipped, misfit=0.0123)
+    hmcvt.export_c(model, tmp_path / "c")
+    points = random_points(7, 1000)
+    error, _ = Library(tmp_path / "c", model).std(0, *points)
+    expected = model.predict(*points).standard_error
+    assert np.nanmin(error) >= 0.0123
+    assert np.nanmax(np.abs(error - expected)) < 1e-12

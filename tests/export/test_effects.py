@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects become tables whose bound holds; they are never left out."""
 
+import re
 import subprocess
 from dataclasses import replace
 
@@ -113,11 +114,16 @@ def test_command_prints_the_bound(tmp_path):
     assert_refused(run(*base, "--bound", "0"), "bound")
 
 
-def test_too_small_a_bound_is_one_line(tmp_path):
+def test_too_small_a_bound_names_one_that_is_attainable(tmp_path):
     model = replace(hmcvt.load_model(HM4), effects=(PortPressureDrop(drop=4.9e6),))
-    with pytest.raises(hmcvt.InputError, match="allow a larger bound"):
+    with pytest.raises(hmcvt.InputError, match="allow a larger bound") as refused:
         hmcvt.export_c(model, tmp_path / "c", bound=1e-4)
     assert list(tmp_path.iterdir()) == []
+    message = str(refused.value)
+    assert "\n" not in message
+    (attainable,) = re.findall(r"([\d.e-]+) is attainable", message)
+    accuracy = hmcvt.export_c(model, tmp_path / "c", bound=float(attainable))
+    assert accuracy.bound <= float(attainable)
 
 
 def test_errors_of_meters_stay_with_the_bench(tmp_path):

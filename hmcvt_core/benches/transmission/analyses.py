@@ -20,6 +20,7 @@ from .base import scaled_base
 from .change import diagnose_change
 from .channels import AXES, CHANNELS
 from .meters import with_meter_errors
+from .misfit import with_misfits
 from .readings import distinct_observations, held_out_observations, observe
 from .system import Transmission
 
@@ -86,7 +87,7 @@ def diagnose(
         held_out, more = held_out_observations(holdout, samples, stages)
         notes += more
     system = Transmission(model, samples.pressure is not None)
-    return diagnose_system(
+    diagnosis = diagnose_system(
         system,
         with_meter_errors(observed, system),
         held_out,
@@ -95,6 +96,7 @@ def diagnose(
         seed=seed,
         progress=progress,
     )
+    return with_misfits(diagnosis)
 
 
 def next_test(

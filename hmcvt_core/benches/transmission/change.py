@@ -22,6 +22,7 @@ from ..baseline import (
     judge_control,
 )
 from .meters import with_meter_errors
+from .misfit import with_misfits
 from .readings import observe
 from .sound import SoundTransmission, fit_sound_transmission, observe_change
 from .system import Transmission
@@ -82,6 +83,7 @@ def diagnose_change(
         reference, observed, held_out, seed=seed, progress=progress
     )
     change = record.applied_to(_with_warnings(diagnosis, warnings))
+    change = with_misfits(change, sound.model.misfit)
     return ChangeDiagnosis.of(change, record)
 
 
@@ -135,7 +137,7 @@ def _sound(
     pressure = samples.pressure is not None
     system = Transmission(model, pressure)
     observed = with_meter_errors(observe(samples, noise, list(model.stages)), system)
-    of_sound = diagnose_system(system, observed, seed=seed)
+    of_sound = with_misfits(diagnose_system(system, observed, seed=seed))
     if of_sound.verdict in NAMING:
         effects = " and ".join(plain(name) for name in of_sound.sets[0].effects)
         notes.append(

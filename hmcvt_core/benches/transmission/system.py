@@ -210,6 +210,7 @@ class Transmission:
             correlation=correlation,
             domain=Domain.of(samples),
             units={},
+            misfit=0.0,
             provenance={
                 "source": "hmcvt diagnose",
                 "data": os.path.basename(samples.source),

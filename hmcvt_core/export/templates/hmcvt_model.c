@@ -838,7 +838,7 @@ static hmcvt_real error_of(const hmcvt_parameters *parameters, int stage,
             variance += slopes[i] * correlation[i][j] * slopes[j];
         }
     }
-    return depends ? square_root(higher_of(variance, R(0.0))) : UNKNOWN;
+    return depends ? square_root(higher_of(variance, R(0.0)) + misfit_squared) : UNKNOWN;
 }
 #endif
 

@@ -88,8 +88,8 @@ int hmcvt_predict_with(const hmcvt_parameters *parameters, int stage,
                        hmcvt_real load_torque, hmcvt_prediction *out);
 
 /*
- * Standard error of the efficiency that follows from the errors of the parameters [-]; NaN where
- * ${error_remark}.
+ * Standard error of the efficiency [-], from the errors of the parameters and from what the model
+ * misses at samples left out of its fit; NaN where ${error_remark}.
  */
 int hmcvt_efficiency_std(const hmcvt_parameters *parameters, int stage,
                          hmcvt_real displacement_ratio, hmcvt_real engine_speed,

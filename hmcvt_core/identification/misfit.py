@@ -1,0 +1,162 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What a fitted model misses at samples left out of the fit, beyond noise and parameter errors.
+
+The errors of the three parameters say how far the fit may be off if the form of the model is right.
+What its form misses shows at samples left out only: their mean squared error is that of noise,
+parameters and misfit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..diagnosis.observations import pure_error
+from ..diagnosis.settings import REPLICATE_TOLERANCE
+from ..files.bench import BenchSamples
+from ..model.accuracy import misfit
+from ..model.domain import AXES
+from ..model.model import EfficiencyModel
+from ..transmission.ranges import Array
+
+STATED = "stated"
+REPEATED = "repeated points"
+NOT_KNOWN = "not known"
+
+FEWEST = 8
+"""Fewest samples of which a misfit is estimated: refits keep twice as many as parameters."""
+
+_NEIGHBOURS = 3
+"""Next samples of which one confirms a sample that is set aside; chosen for 24 tests."""
+_LEAST_RANGE = 1e-6
+"""Range of an axis along which all samples are equal, against division by zero."""
+_OIL_RANGE = 100.0
+"""Difference of oil temperatures that counts like the range of an axis [deg C]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise of the measured efficiency.
+
+    Attributes:
+        deviation: standard deviation [-], shape (n,) or scalar; 0 where it is not known.
+        source: `stated`, `repeated points` or `not known`.
+    """
+
+    deviation: Array | float
+    source: str
+
+    @classmethod
+    def of(cls, samples: BenchSamples, fitted: NDArray[np.bool_]) -> Noise:
+        """Return the noise that samples state, or else show at repeated points.
+
+        Args:
+            samples: n of them.
+            fitted: which of them count at repeated points, shape (n,).
+        """
+        if samples.efficiency_std is not None:
+            return cls(samples.efficiency_std, STATED)
+        used = samples.select(fitted)
+        repeats = pure_error(_point_numbers(used), used.efficiency)
+        if repeats is None:
+            return cls(0.0, NOT_KNOWN)
+        deviation, _ = repeats
+        return cls(deviation, REPEATED)
+
+
+def _point_numbers(samples: BenchSamples) -> NDArray[np.intp]:
+    """Return the number of the operating point of each sample, shape (n,)."""
+    points = np.round(_coordinates(samples) / REPLICATE_TOLERANCE)
+    return np.unique(points, axis=0, return_inverse=True)[1].ravel()
+
+
+def _coordinates(samples: BenchSamples) -> Array:
+    """Return operating points scaled by the range of each axis, shape (n, axes).
+
+    Samples of different oil temperature or stage are far from each other.
+    """
+    columns = []
+    for axis in AXES:
+        values = getattr(samples, axis)
+        columns.append(values / max(float(np.ptp(values)), _LEAST_RANGE))
+    if samples.oil_temperature is not None:
+        columns.append(samples.oil_temperature / _OIL_RANGE)
+    if samples.stage is not None:
+        numbers = np.unique(samples.stage, return_inverse=True)[1]
+        columns.append(numbers.astype(float))
+    return np.stack(columns, axis=1)
+
+
+def missed_alike(
+    model: EfficiencyModel, samples: BenchSamples, belongs: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which samples that are set aside show what the model misses, shape (n,).
+
+    A mistake of the bench is alone among samples that agree. What the form of the model misses, a
+    neighbour shows with the same sign.
+
+    Args:
+        model: fitted to the samples that belong.
+        samples: n of them.
+        belongs: which of them are not set aside, shape (n,).
+    """
+    if belongs.all():
+        return ~belongs
+    from scipy.spatial.distance import cdist
+
+    coordinates = _coordinates(samples)
+    distance = cdist(coordinates, coordinates)
+    np.fill_diagonal(distance, np.inf)
+    neighbours = np.argsort(distance, axis=1)[:, :_NEIGHBOURS]
+    missed = model.efficiency(*samples.points) - samples.efficiency
+    same_sign = missed[:, None] * missed[neighbours] > 0.0
+    alike = np.any(~belongs[neighbours] & same_sign, axis=1)
+    return np.asarray(~belongs & alike)
+
+
+def with_misfit(
+    model: EfficiencyModel,
+    samples: BenchSamples,
+    fold: NDArray[np.intp],
+    others: Sequence[EfficiencyModel],
+) -> EfficiencyModel:
+    """Return a fitted model with its misfit; with few samples its misfit stays as it is.
+
+    Where the noise is not known, the misfit holds it: it is then the error of a further reading.
+
+    Args:
+        model: fitted to all samples of a fold.
+        samples: n of them.
+        fold: of each sample, shape (n,), see `cross_validation.folds`; -1 for one that is set
+            aside, which `model` itself predicts.
+        others: for each fold, the refit to the samples outside it.
+    """
+    if len(samples) < FEWEST:
+        return model
+    errors = np.empty(len(samples))
+    parameter_errors = np.empty(len(samples))
+    for part in np.unique(fold).tolist():
+        fitted = model if part < 0 else others[part]
+        left_out = samples.select(fold == part)
+        prediction = replace(fitted, misfit=0.0).predict(*left_out.points)
+        errors[fold == part] = prediction.efficiency - left_out.efficiency
+        parameter_errors[fold == part] = prediction.standard_error
+    noise = Noise.of(samples, fold >= 0)
+    return replace(
+        model,
+        misfit=misfit(errors, noise.deviation, parameter_errors),
+        provenance={**model.provenance, "misfit_noise": noise.source},
+    )
+
+
+def misfit_remarks(model: EfficiencyModel) -> list[str]:
+    """Say where the misfit of a fitted model holds the noise of its samples."""
+    if model.misfit == 0.0 or model.provenance.get("misfit_noise") != NOT_KNOWN:
+        return []
+    return [
+        "the noise of the samples is not known, so that standard errors of the efficiency are "
+        f"those of a further reading: they hold a misfit of {100.0 * model.misfit:.2f} points"
+    ]
