@@ -387,10 +387,8 @@ def gauss_newton_aim(
 
     target = objective.residuals(whitened, theta) + columns @ theta
     # The triangular factor has the same solution and far fewer rows.
-    both = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
-    count = columns.shape[1]
-    triangle = both[:count, :count]
-    solution = lsq_linear(triangle, both[:count, count], objective.bounds, "bvls")
+    basis, triangle = np.linalg.qr(columns)
+    solution = lsq_linear(triangle, basis.T @ target, objective.bounds, "bvls")
     return np.asarray(solution.x)
 
 
