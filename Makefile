@@ -38,7 +38,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types format oldest colcon soak bench real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-long lint types format oldest colcon soak bench coverage real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -101,6 +101,11 @@ edges: $(VENV)/.dev
 # Tables of real rigs and units in a folder; docs/real.md says where to find them.
 real: $(VENV)/.dev
 	$(BIN)/python -m studies.real $(DIR) --out docs/real.md
+
+# Coverage of the 95 % intervals, and changes against a sound state, on simulated machines.
+coverage: $(VENV)/.dev
+	$(BIN)/python -m studies.coverage
+	$(BIN)/python -m studies.baseline
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md

@@ -63,6 +63,11 @@ def test_json_and_text_name_the_baseline(worn):
     assert max(map(len, worn.report().splitlines())) <= 100
 
 
+def test_next_tests_are_listed_once(worn):
+    points = [(test.point, test.setting, test.measure) for test in worn.next_tests]
+    assert all(point not in points[:i] for i, point in enumerate(points))
+
+
 def test_page_of_a_change(worn):
     page = hmcvt.report.html(worn)
     assert "Compared with 48 sound samples" in page and "laminar leakage" in page
