@@ -403,6 +403,13 @@ AMPLITUDE_MOST_STEP = 3.0
 Source: chosen as a guard against overshooting.
 """
 
+FORM_ALLOWANCE_DEGREE = 2
+"""Total degree of the polynomials by which a form may bend where one channel is read.
+
+Source: chosen on development campaigns. With more channels it is `SMOOTH_DEGREE`: a bend is then
+held by all of them.
+"""
+
 LEAST_SQUARE_PART = 1e-9
 """Least value of sums of squares, or part of them, that are divided by.
 

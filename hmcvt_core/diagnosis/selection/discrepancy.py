@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
 from ..observations import Observations
-from ..settings import FORM_ALLOWANCE
+from ..settings import FORM_ALLOWANCE, FORM_ALLOWANCE_DEGREE, SMOOTH_DEGREE
 from ..system import Array
 
 
@@ -155,7 +155,10 @@ def allowed_columns(
         columns = columns.with_further(of_base)
     smooth = campaign.smooth
     # A constant factor on a signature is its size.
-    is_bend = smooth.degree > 0
+    most = SMOOTH_DEGREE
+    if len(fit.observed.channels) == 1:
+        most = FORM_ALLOWANCE_DEGREE
+    is_bend = (smooth.degree > 0) & (smooth.degree <= most)
     bends = base.functions(fit.observed)[:, is_bend]
     family = smooth.family[is_bend]
     # All bends of a family together have the variance of the allowance.
