@@ -192,7 +192,7 @@ class NodeUnderTest:
         assert self.comes(lambda: self.log.count(f"{service}: started") > already)
         return reply
 
-    def ask(self, kind: Any, service: str, **request: Any) -> Any:
+    def call(self, kind: Any, service: str, **request: Any) -> Any:
         """Call a service of rclpy's own; return the reply.
 
         A reply is lost when the client knows the node before the node knows the client. Then it
@@ -216,7 +216,7 @@ class NodeUnderTest:
             Parameter(name.replace("__", "."), value=value).to_parameter_msg()
             for name, value in parameters.items()
         ]
-        return self.ask(SetParameters, "set_parameters", parameters=messages).results
+        return self.call(SetParameters, "set_parameters", parameters=messages).results
 
     def reset(self) -> None:
         """Back to the model file, the default parameters and an empty log; counts stay."""

@@ -71,12 +71,12 @@ def flow(node, seconds):
 
 def test_parameter_of_an_unknown_type_is_refused(node):
     before = counted(node, "requests contained")
-    results = node.ask(
+    results = node.call(
         srv.SetParameters, "set_parameters", parameters=[BAD_TYPE, GOOD_VALUE]
     ).results
     assert [result.successful for result in results] == [False, True]
     assert "99" in results[0].reason
-    result = node.ask(
+    result = node.call(
         srv.SetParametersAtomically,
         "set_parameters_atomically",
         parameters=[GOOD_VALUE, BAD_TYPE],
@@ -88,7 +88,7 @@ def test_parameter_of_an_unknown_type_is_refused(node):
 
 def test_parameter_without_a_name_is_refused(node):
     for kind in range(10):
-        (result,) = node.ask(
+        (result,) = node.call(
             srv.SetParameters,
             "set_parameters",
             parameters=[
@@ -96,7 +96,7 @@ def test_parameter_without_a_name_is_refused(node):
             ],
         ).results
         assert not result.successful and result.reason == "a parameter without a name"
-    assert "" not in node.ask(srv.ListParameters, "list_parameters").result.names
+    assert "" not in node.call(srv.ListParameters, "list_parameters").result.names
 
 
 def test_large_request_is_refused_and_holds_nothing_up(node):
@@ -109,11 +109,11 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
         (srv.SetParameters, "set_parameters", {"parameters": [GOOD_VALUE] * 5000}),
         (srv.SetParameters, "set_parameters", {"parameters": [text]}),
     ]:
-        results = node.ask(kind, service, **request).results
+        results = node.call(kind, service, **request).results
         assert len(results) == len(request["parameters"])
         assert not any(result.successful for result in results)
         assert "allowed are" in results[0].reason
-    result = node.ask(
+    result = node.call(
         srv.SetParametersAtomically,
         "set_parameters_atomically",
         parameters=[GOOD_VALUE] * 5000,
@@ -126,7 +126,7 @@ def test_large_request_is_refused_and_holds_nothing_up(node):
         (srv.ListParameters, "list_parameters", {"prefixes": many}),
         (GetTypeDescription, "get_type_description", {"type_name": LONG}),
     ]:
-        node.ask(kind, service, **request)
+        node.call(kind, service, **request)
     assert answers(node)
     assert counted(node, "requests contained") == before + 8
     assert len(node.log) - size < 5000
@@ -143,7 +143,7 @@ def test_clock_of_the_ages_cannot_be_exchanged(node):
     (result,) = node.set(use_sim_time=True)
     assert not result.successful and "read-only" in result.reason
     for kind in (0, 1):  # to take a parameter away is a change too
-        (result,) = node.ask(
+        (result,) = node.call(
             srv.SetParameters,
             "set_parameters",
             parameters=[

@@ -223,7 +223,7 @@ def test_no_folder_is_disclosed(start_node, base, tmp_path):
     node.bench_file.mkdir()
     node.player.send_sample(message(campaign(base, 1, 1), 0))
     assert node.reports(DiagnosticStatus.ERROR, "bench log")
-    values = node.ask(
+    values = node.call(
         srv.GetParameters,
         "get_parameters",
         names=["model_file", "engine_file", "effects_file", "state_folder"],
@@ -272,7 +272,7 @@ def test_changed_limit_stands_in_the_diagnostics(start_node, paper_file):
 def test_levels_that_would_fill_a_disk_are_refused(node):
     levels = [LoggerLevel(name="rcl", level=10), LoggerLevel(name="rcl", level=20)]
     refused, taken = (
-        node.ask(srv.SetLoggerLevels, "set_logger_levels", levels=[level]).results[0]
+        node.call(srv.SetLoggerLevels, "set_logger_levels", levels=[level]).results[0]
         for level in levels
     )
     assert not refused.successful and "below info" in refused.reason

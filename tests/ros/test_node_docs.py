@@ -128,7 +128,7 @@ def test_depth_of_the_queues(node):
             f"qos_overrides.{full(topic, 'hmcvt', node.namespace)}.{end}.depth"
         )
         depths.append(int(depth))
-    values = node.ask(GetParameters, "get_parameters", names=names).values
+    values = node.call(GetParameters, "get_parameters", names=names).values
     assert [value.integer_value for value in values] == depths
 
 
