@@ -25,7 +25,9 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.fleet.executors import Processes
 from studies.blind.campaign import Campaign, fresh, make_campaign
 from studies.blind.catalogue import UNKNOWN_EFFECTS
+from studies.blind.conditions import MISFITS, SHIFTS, log_uniform
 from studies.blind.effect import FloatArray
+from studies.blind.trial import AXES, at_hand
 from studies.page import table
 
 KEPT_BACK = 98_500_000
@@ -34,10 +36,6 @@ BASES = ("exact", "off", "unlisted effect")
 TESTS = (24, 96)
 NOISES = (0.001, 0.004)
 MODELS = ("identified", "diagnosed", "remainder")
-MISFITS = (0.001, 0.002)
-"""Root mean square by which a base is off [-]; drawn log-uniformly, as in the blind trial."""
-SHIFTS = (0.007, 0.03)
-"""Shift of the efficiency by an unlisted effect [-]; drawn log-uniformly, as in the blind trial."""
 INTERVAL = 1.96
 """Half-width of a 95 % interval, in standard errors."""
 FRESH_SEED = 2**42
@@ -74,10 +72,10 @@ def draw(case: Case) -> Campaign:
         misfit = 0.0
         effects = []
         if case.base == "off":
-            misfit = _log_uniform(MISFITS, rng)
+            misfit = log_uniform(MISFITS, rng)
         elif case.base == "unlisted effect":
             name = str(rng.choice(UNKNOWN_EFFECTS))
-            effects.append((name, _log_uniform(SHIFTS, rng)))
+            effects.append((name, log_uniform(SHIFTS, rng)))
         try:
             return make_campaign(
                 MOST_DRAWS * case.seed + attempt,
@@ -91,16 +89,10 @@ def draw(case: Case) -> Campaign:
     raise InputError(f"seed {case.seed}: no plant carries the loads of its tests")
 
 
-def _log_uniform(limits: tuple[float, float], rng: np.random.Generator) -> float:
-    return float(np.exp(rng.uniform(*np.log(limits))))
-
-
 def measured(case: Case) -> dict[str, Any]:
     """Return coverage and error of the models of a campaign, by model."""
     campaign = draw(case)
-    columns: dict[str, Any] = campaign.samples
-    samples = hmcvt.BenchSamples(**columns)
-    shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
+    shipped, samples = at_hand(campaign)
     diagnosis = hmcvt.diagnose(shipped, samples)
     handed_over = diagnosis.model
     if diagnosis.verdict == "unexplained":
@@ -125,15 +117,13 @@ def measured(case: Case) -> dict[str, Any]:
 
 def _missed(model: hmcvt.EfficiencyModel, tests: Campaign) -> FloatArray:
     """Return what a model misses of the truth at fresh tests [-], shape (n,)."""
-    axes = ("displacement_ratio", "engine_speed", "load_torque")
-    point = [tests.samples[axis] for axis in axes]
+    point = [tests.samples[axis] for axis in AXES]
     return np.asarray(tests.truth["efficiency"] - model.efficiency(*point))
 
 
 def _coverage(model: hmcvt.EfficiencyModel, tests: Campaign) -> float:
     """Return the part of fresh tests whose truth lies in the 95 % interval."""
-    axes = ("displacement_ratio", "engine_speed", "load_torque")
-    prediction = model.predict(*(tests.samples[axis] for axis in axes))
+    prediction = model.predict(*(tests.samples[axis] for axis in AXES))
     missed = _missed(model, tests)
     answered = np.isfinite(missed)
     held = np.abs(missed) <= INTERVAL * prediction.standard_error

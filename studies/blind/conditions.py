@@ -56,9 +56,9 @@ _GROUPS = {
 LISTED = ("single", *_SETS)  # listed effects, and nothing else, are to be found
 STRANGE = ("unlisted", "wrong sign")
 
-_SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
+SHIFTS = (0.007, 0.03)  # of the efficiency, drawn evenly in its logarithm
 _FAINT = 0.3  # times that
-_MISFITS = (0.001, 0.002)
+MISFITS = (0.001, 0.002)
 _MISFIT_SHARE, _TEMPERATURE_SHARE, _SPEED_SHARE, _PRESSURE_SHARE = 1 / 3, 0.5, 0.9, 0.5
 _SWINGS, _SWEPT = (
     (3.0, 25.0),
@@ -158,13 +158,13 @@ def _effects(
     factor: float = _GROWTH**attempt
     if case.kind == "faint":
         factor = _FAINT * NOISES.get(case.condition, 0.004) / 0.004 / factor
-    return [(name, factor * _between(_SHIFTS, rng)) for name in names]
+    return [(name, factor * log_uniform(SHIFTS, rng)) for name in names]
 
 
 def _options(case: Case, rng: np.random.Generator) -> dict[str, Any]:
     """Columns and misfit are drawn whatever the effect: they must not give it away."""
     temperature, speed, pressure, off = rng.random(4)
-    misfit, swing = _between(_MISFITS, rng), _between(_SWINGS, rng)
+    misfit, swing = log_uniform(MISFITS, rng), log_uniform(_SWINGS, rng)
     gauge = tuple(rng.normal(0.0, _GAUGE).tolist())
     exact = case.kind == "none" or (case.kind != "base off" and off > _MISFIT_SHARE)
     return {
@@ -177,5 +177,6 @@ def _options(case: Case, rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def _between(limits: tuple[float, float], rng: np.random.Generator) -> float:
+def log_uniform(limits: tuple[float, float], rng: np.random.Generator) -> float:
+    """Draw a number whose logarithm is uniform between limits."""
     return float(np.exp(rng.uniform(*np.log(limits))))

@@ -8,6 +8,7 @@ from ..settings import (
     RIVAL_SET_MARGIN,
     UNEXPLAINED_PROBABILITY,
 )
+from ..wording import plain
 from .analysis import Analysis
 
 
@@ -36,15 +37,15 @@ def _bend_of_the_model(analysis: Analysis) -> tuple[str, ...]:
     leading, _ = analysis.leading
     if not leading.bend:
         return ()
-    causes = " and ".join(name.replace("_", " ") for name in leading.names)
-    bend = leading.bend.replace("_", " ")
+    causes = " and ".join(map(plain, leading.names))
     return (
-        f"the form of {causes} misses something that looks like {bend}: the model with the causes "
-        f"holds it as a correction, not as a cause",
+        f"the form of {causes} misses something that looks like {plain(leading.bend)}: the model "
+        "with the causes holds it as a correction, not as a cause",
     )
 
 
 def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
+    """Say that an unlisted loss is present in addition to the leading set."""
     if not _leads_with_discrepancy(analysis):
         return ()
     return (

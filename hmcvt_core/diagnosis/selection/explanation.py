@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..detection.regions import Regions
 from ..fitting.evidence import (
@@ -201,23 +202,16 @@ def explain(fit: Fit) -> Explanation:
     observed = fit.observed
     sizes = fit.hypothesis.size_indices
     signs = fit.hypothesis.signs
-    widest = np.full(len(sizes), max(SIZE_SPREADS))
     scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
     models = []
     rows = []
     for exact in Exact:
-        allowed = allowed_columns(fit, observed, widest, exact)
+        allowed = allowed_columns(fit, observed, max(SIZE_SPREADS), exact)
         # The moment prior enters with the scale of the sizes, below.
         model = fitted_model(
             observed, allowed.columns, fit.target, allowed.spread, allowed.group
         )
-        change = change_of_prior_scale(
-            model.mean[sizes],
-            model.covariance[np.ix_(sizes, sizes)],
-            widest,
-            scales,
-            signs[sizes],
-        )
+        change = _change_of_size_priors(model, sizes, scales, signs[sizes])
         models.append(model)
         rows.append(model.log_evidence + change)
     log_evidence = np.array(rows)
@@ -232,6 +226,26 @@ def explain(fit: Fit) -> Explanation:
         plain_model,
         float(log_mean(log_evidence.ravel())),
         exact=Exact(best),
+    )
+
+
+def _change_of_size_priors(
+    model: LinearModel, sizes: NDArray[np.intp], scales: Array, signs: Array
+) -> Array:
+    """Return the log Bayes factor of other priors of the sizes against the widest, shape (m,).
+
+    Args:
+        model: with the sizes at the widest prior.
+        sizes: indices of their coefficients, k of them.
+        scales: prior deviations of the sizes, shape (m, k).
+        signs: as for `change_of_prior_scale`, shape (k,).
+    """
+    return change_of_prior_scale(
+        model.mean[sizes],
+        model.covariance[np.ix_(sizes, sizes)],
+        np.full(len(sizes), max(SIZE_SPREADS)),
+        scales,
+        signs,
     )
 
 
@@ -294,12 +308,8 @@ def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> 
     signs = hypothesis.signs[sizes].copy()
     signs[bend] = np.nan
     model = explanation.model
-    changes = change_of_prior_scale(
-        model.mean[sizes],
-        model.covariance[np.ix_(sizes, sizes)],
-        np.full(len(sizes), max(SIZE_SPREADS)),
-        np.array(list(itertools.product(*scales))),
-        signs,
+    changes = _change_of_size_priors(
+        model, sizes, np.array(list(itertools.product(*scales))), signs
     )
     # As in `explain`, the mean over what is exact, of which one matters.
     return float(model.log_evidence + log_mean(changes) - np.log(len(Exact)))
