@@ -276,13 +276,15 @@ class _PumpOnRow:
         level = regime.level + regime.flow * ratio
         middle = (level + 0.5 * held * a * ratio) / square
         inside = middle * middle - load / square
-        if not inside >= 0.0 or square <= 0.0:
-            # The load is not carried in any regime.
+        if inside >= 0.0 and square > 0.0:
+            output = middle + math.sqrt(inside) if load else 2.0 * middle
+            pressure = stiffness * (ratio * (a + c * output) - output / h)
+            if chosen.motor * pressure > chosen.motor_drag * output / h:
+                return output
+        elif ratio > 0.0:
+            # The load is not carried. At e <= 0 the pressure is never positive, so that only the
+            # other regimes count.
             return math.nan
-        output = middle + math.sqrt(inside) if load else 2.0 * middle
-        pressure = stiffness * (ratio * (a + c * output) - output / h)
-        if chosen.motor * pressure > chosen.motor_drag * output / h:
-            return output
         output = self._root(regimes[_DRIVEN], c, ratio, load)
         pressure = stiffness * (ratio * (a + c * output) - output / h)
         if pressure >= 0.0:

@@ -63,7 +63,9 @@ class SteadyState(Quadrant):
         if not self.pump_on_row:
             return self.selected(driving, driven, self.mechanical_ratio, load)
         drives = self.drives(self.pressure(ratio, driving), driving)
-        output = np.where(drives | np.isnan(driving), driving, driven)
+        # At e <= 0 the pressure is never positive, so that only the other regimes count.
+        is_not_carried = np.isnan(driving) & (ratio > 0.0)
+        output = np.where(drives | is_not_carried, driving, driven)
         backward = self.pump_speed(output) < 0.0
         if backward.any():
             output = np.where(backward, self._backward_output(ratio, load), output)

@@ -65,6 +65,27 @@ def test_pump_turned_backward(file, point, loss, speed):
         assert model.output_speed(*point) == pytest.approx(speed, abs=0.005)
 
 
+@pytest.mark.parametrize(
+    ("file", "point"),
+    [
+        (
+            "reversed_pressure.yaml",
+            (0.5926936650800787, 162.83517982291824, 13.421280221593406),
+        ),
+        ("reversed_pressure_idle.yaml", (-0.9866828467670541, 182.5611946737963, 0.0)),
+    ],
+)
+def test_pressure_reversed_at_every_speed(file, point):
+    """The quadratic of a driving motor has no root there, and need not have one."""
+    model = load_model(STAGES / file)
+    state = Balance(model.stage, model.parameters, *column(*point)).solve()
+    expected = pytest.approx(state.output_speed[0], rel=1e-9)
+    assert model.output_speed(*point) == expected
+    assert model.output_speed(*column(*point))[0] == expected
+    loss = (state.engine_torque[0] - point[2]) * point[1]
+    assert model.power_loss(*point) == pytest.approx(loss, rel=1e-9)
+
+
 @pytest.mark.parametrize("load_torque", [0.0, 20.0, -20.0])
 def test_self_locking_output_stands_without_load(load_torque):
     model = load_model(STAGES / "self_locking.yaml")

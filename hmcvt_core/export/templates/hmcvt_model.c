@@ -527,11 +527,16 @@ static steady_state reversed_state(const setting *at, hmcvt_real ratio, hmcvt_re
 static steady_state forward_state(const setting *at, hmcvt_real ratio, hmcvt_real load)
 {
     steady_state steady;
+    bool is_other;
     steady.output = row_root(at, DRIVING, ratio, load);
     steady.regime = DRIVING;
-    /* No root while the motor drives: the load is not carried in any regime. */
-    if (!is_unknown(steady.output) &&
-        !drives(at, pressure_at(at, ratio, steady.output), steady.output)) {
+    if (is_unknown(steady.output)) {
+        /* At e <= 0 the pressure is never positive, so that only the other regimes count. */
+        is_other = ratio <= R(0.0);
+    } else {
+        is_other = !drives(at, pressure_at(at, ratio, steady.output), steady.output);
+    }
+    if (is_other) {
         steady.output = row_root(at, DRIVEN, ratio, load);
         steady.regime = DRIVEN;
         if (!(pressure_at(at, ratio, steady.output) >= R(0.0))) {
