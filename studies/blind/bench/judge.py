@@ -6,6 +6,7 @@ The diagnosis receives the columns that the bench shows and nothing else.
 
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ class Case:
         return f"{self.kind}/{self.seed}"
 
 
+@lru_cache(maxsize=64)
 def draw(case: Case) -> tuple[Campaign, Confusion]:
     """Draw campaigns from the seed on; return the first whose effects can all be seen.
 

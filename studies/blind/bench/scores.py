@@ -269,7 +269,7 @@ def misses(records: Sequence[Record]) -> str:
     """Return a line for each campaign that is not answered as wanted."""
     lines = []
     for record in records:
-        if _as_wanted(record):
+        if as_wanted(record):
             continue
         sets = "; ".join(
             f"{' + '.join(classes)} {100.0 * p:.0f} %"
@@ -286,7 +286,8 @@ def misses(records: Sequence[Record]) -> str:
     return "\n".join(lines)
 
 
-def _as_wanted(record: Record) -> bool:
+def as_wanted(record: Record) -> bool:
+    """Whether a campaign is answered as one wants it."""
     kind = record["kind"]
     if kind == "nothing":
         return not alarmed(record)
