@@ -9,6 +9,39 @@ effect; log evidence is in nats. `docs/design-diagnosis.md` lists all of them.
 
 import math
 
+# --- throughout -----------------------------------------------------------------------------
+
+LIKELY = 0.5
+"""Probability above which something is more likely than not.
+
+Source: by definition. A rare campaign is no gap if its probability of an exact base is above it; a
+gap is unexplained if that of an unlisted cause is.
+"""
+
+DRAWS = 999
+"""Simulated campaigns without a gap, campaigns drawn from the samples, draws from a posterior.
+
+Source: chosen; resolves a probability of a thousandth.
+"""
+
+LEADING_SETS = 4
+"""Sets that are extended by one effect, compete with a discrepancy added, or are reported.
+
+Source: chosen on development campaigns, for speed.
+"""
+
+FIXED_POINT_ROUNDS = 20
+"""Most rounds of a fixed point: of noise variances, or of amplitudes with them.
+
+Source: chosen as a guard against endless iteration.
+"""
+
+ROUNDING = 1e-9
+"""Part, probability, information or deviation that counts as zero.
+
+Source: rounding.
+"""
+
 # --- observations ---------------------------------------------------------------------------
 
 SMALL_CAMPAIGN = 16
@@ -241,12 +274,6 @@ SHAPE_PRIOR_SPREAD = (2.0 * math.pi) ** -0.5
 Source: the normal prior then has the density of the uniform one at its mean.
 """
 
-NOISE_ROUNDS = 8
-"""Most rounds of the fixed point of the noise variances.
-
-Source: chosen as a guard against endless iteration.
-"""
-
 NOISE_TOLERANCE = 2e-3
 """Relative change of the noise variances at which their fixed point has converged.
 
@@ -273,22 +300,10 @@ GAP_SIGNIFICANCE = 0.02
 Source: chosen; chance alone shows as much in one campaign of fifty.
 """
 
-NO_GAP_PROBABILITY = 0.5
-"""Probability of an exact base model from which no gap is reported, however rare the readings.
-
-Source: it is then likelier than any gap.
-"""
-
 REGION_SIGNIFICANCE = 0.05
 """Family-wise p value up to which a region is significant by itself.
 
 Source: convention.
-"""
-
-NULL_CAMPAIGNS = 999
-"""Simulated campaigns without a gap.
-
-Source: resolves p values of a thousandth.
 """
 
 NULL_BATCH = 64
@@ -347,12 +362,6 @@ SIZE_SPREADS = (0.5, 1.5, 5.0)
 Source: chosen, about a factor of three apart around the typical size.
 """
 
-SCREENED_SPREAD = 1.5
-"""Prior deviation of the sizes of a refit that the screen adds forms to.
-
-Source: the middle one of `SIZE_SPREADS`.
-"""
-
 FORM_ALLOWANCE = 0.07
 """Prior median of the bend of a form along an axis, as a part of its signature.
 
@@ -379,22 +388,17 @@ Source: chosen; an amplitude is known within a factor of two. Forms then span 0.
 deviations.
 """
 
-AMPLITUDE_ROUNDS = 20
-"""Most rounds of the fixed point of the amplitudes.
+AMPLITUDE_TOLERANCE = 0.03
+"""Change of the log evidence [nats] in a round at which the amplitudes have converged.
 
-Source: chosen as a guard against endless iteration.
+Source: chosen, well below what tells two explanations apart.
 """
 
-AMPLITUDE_TOLERANCE = 0.05
-"""Change of a log variance at which the amplitudes have converged.
+AMPLITUDE_START = 3.0
+"""Log variance from which an amplitude is fitted, in its prior deviations.
 
-Source: chosen; the evidence is stationary in the amplitudes.
-"""
-
-AMPLITUDE_NEWTON_STEPS = 3
-"""Newton steps of one round.
-
-Source: chosen; further rounds go on from there.
+Source: the upper end of the prior. From the median, one fit of six to a large gap ended more than 3
+nats below the best of nine starts; from here one of fifty, in fewer rounds.
 """
 
 AMPLITUDE_MOST_STEP = 3.0
@@ -408,12 +412,6 @@ FORM_ALLOWANCE_DEGREE = 2
 
 Source: chosen on development campaigns. With more channels it is `SMOOTH_DEGREE`: a bend is then
 held by all of them.
-"""
-
-LEAST_SQUARE_PART = 1e-9
-"""Least value of sums of squares, or part of them, that are divided by.
-
-Source: rounding.
 """
 
 EXTRA_DISCREPANCY_PART = (0.06, 0.2)
@@ -435,12 +433,6 @@ Source: chosen.
 """
 
 # --- search ---------------------------------------------------------------------------------
-
-LEADING_SETS = 4
-"""Sets of each size that are extended by one effect.
-
-Source: chosen on development campaigns, for speed.
-"""
 
 REFITTED_SETS = 6
 """Sets refitted of each group of proposals.
@@ -474,12 +466,6 @@ Source: chosen on development campaigns, for speed.
 
 EXCHANGED_EFFECTS = 1
 """Other effects that are tried in place of an effect.
-
-Source: chosen on development campaigns, for speed.
-"""
-
-EXACT_REFITS = 5
-"""Leading sets that are refitted exactly at the end.
 
 Source: chosen on development campaigns, for speed.
 """
@@ -534,18 +520,6 @@ PRIOR_BEND = 0.5
 Source: indifference.
 """
 
-BOOTSTRAP_CAMPAIGNS = 400
-"""Campaigns drawn from the samples for bagged posteriors.
-
-Source: chosen; the standard error of a probability is then at most 0.025.
-"""
-
-SETS_WITH_DISCREPANCY = 4
-"""Leading sets that also compete with an unlisted discrepancy added.
-
-Source: limit of computing time.
-"""
-
 REVERSED_EFFECTS = 3
 """Most effects that compete with the sign they cannot have.
 
@@ -553,9 +527,9 @@ Source: limit of computing time.
 """
 
 RELEVANT_PROBABILITY = 0.01
-"""Probability below which an explanation is left out of predictions.
+"""Probability below which an explanation is left out of predictions, and an effect of reports.
 
-Source: chosen, for speed.
+Source: chosen, for speed and the length of the report.
 """
 
 # --- verdict and summary --------------------------------------------------------------------
@@ -566,40 +540,10 @@ CAUSE_FOUND_PROBABILITY = 0.80
 Source: chosen. More makes the verdict `ambiguous` more frequent.
 """
 
-UNEXPLAINED_PROBABILITY = 0.5
-"""Probability of an unlisted cause above which no cause is named.
-
-Source: more likely than not.
-"""
-
-RIVAL_SET_MARGIN = math.log(CAUSE_FOUND_PROBABILITY / (1.0 - CAUSE_FOUND_PROBABILITY))
-"""Log evidence within which a second set of the same size keeps the verdict `ambiguous`.
-
-Source: the log odds of `CAUSE_FOUND_PROBABILITY`.
-"""
-
-SUMMARISED_SETS = 5
-"""Sets whose shrinkage is reported.
-
-Source: limit of computing time.
-"""
-
-SHRINKAGE_DRAWS = 999
-"""Bootstrap draws of the interval of a shrinkage.
-
-Source: chosen, as is usual for a 95 % interval.
-"""
-
 SHRINKAGE_TAIL = 0.025
 """Probability beyond each end of that interval.
 
 Source: 95 % interval.
-"""
-
-ROUNDING = 1e-9
-"""Probability, or deviation of the first channel, that counts as zero.
-
-Source: rounding.
 """
 
 # --- design ---------------------------------------------------------------------------------
@@ -608,12 +552,6 @@ SETTLED_PROBABILITY = 0.95
 """Probability at which an explanation is settled and no further test is advised.
 
 Source: convention.
-"""
-
-SETTLED_LOG_ODDS = math.log(SETTLED_PROBABILITY / (1.0 - SETTLED_PROBABILITY))
-"""Log odds of `SETTLED_PROBABILITY`.
-
-Source: follows from it.
 """
 
 DESIGN_EXPLANATIONS = 8
@@ -634,12 +572,6 @@ MANY_TESTS = 100.0
 Source: chosen; a larger campaign is rarely run.
 """
 
-DESIGN_MAJORITY = 0.5
-"""Probability of explanations above which a property of theirs decides on a test.
-
-Source: more likely than not.
-"""
-
 DECISIVE_SQUARED_DEVIATIONS = 9.0
 """Squared deviations from which an effect is visible, or distinguishable from another.
 
@@ -652,19 +584,7 @@ MOST_PLAN_RUNS = 20
 Source: chosen; more are rarely run.
 """
 
-LEAST_GAIN = 1e-9
-"""Information of a test [nats] below which it counts as this.
-
-Source: rounding.
-"""
-
 # --- summary of effects ---------------------------------------------------------------------
-
-LEAST_CAUSE_PROBABILITY = 0.01
-"""Probability from which an effect is reported as a cause.
-
-Source: length of the report.
-"""
 
 MOST_CAUSES = 6
 """Most causes reported.
@@ -682,12 +602,6 @@ INTERVAL_DEVIATIONS = 1.96
 """Standard errors on either side of a size in its interval.
 
 Source: 95 % interval of a normal variable.
-"""
-
-LARGEST_PLAUSIBLE_SIZE = 5.0
-"""Typical sizes of an effect beyond which a size is reported as implausible.
-
-Source: chosen; the largest of `SIZE_SPREADS`.
 """
 
 LEAST_SHRINKAGE = -10.0

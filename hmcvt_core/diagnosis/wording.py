@@ -11,7 +11,7 @@ NOTHING = "\N{EN DASH}"
 """Stands for a value that does not exist."""
 
 LEAST_P_VALUE = 0.001
-"""Smallest p value that the simulated campaigns resolve (`settings.NULL_CAMPAIGNS`)."""
+"""Smallest p value that the simulated campaigns resolve (`settings.DRAWS`)."""
 SMALL_PROBABILITY = 0.01
 """Probabilities nearer to 0 or 1 than this are not printed exactly."""
 LINE_WIDTH = 100

@@ -21,7 +21,7 @@ from hmcvt_core.diagnosis.observations import (
     scaled_to_extent,
 )
 from hmcvt_core.diagnosis.results.shrinkage import ExpectedGap, shrinkage
-from hmcvt_core.diagnosis.settings import SHRINKAGE_DRAWS
+from hmcvt_core.diagnosis.settings import DRAWS
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, campaign, measure, random_points
@@ -132,7 +132,7 @@ def test_without_a_gap_there_is_no_fraction(before, significant):
 
 def _expected(before, after, samples=20):
     """Draws of a gap that is as large at every sample."""
-    draws = np.ones((SHRINKAGE_DRAWS, samples))
+    draws = np.ones((DRAWS, samples))
     return ExpectedGap(before * draws, after * draws)
 
 

@@ -27,12 +27,11 @@ from ..selection.posterior import Posterior
 from ..selection.prediction import Prediction
 from ..settings import (
     DESIGN_EXPLANATIONS,
-    DESIGN_MAJORITY,
     DESIGN_TESTS,
-    LEAST_GAIN,
+    LIKELY,
     MANY_TESTS,
     RELEVANT_PROBABILITY,
-    SETTLED_LOG_ODDS,
+    ROUNDING,
     SETTLED_PROBABILITY,
 )
 from ..system import Array, Axis, Points
@@ -130,7 +129,7 @@ def _confused_pair(
     for i, item in enumerate(candidates):
         if item.twins:
             confused[i] = item.twins[0]
-    if design.probabilities[list(confused)].sum() <= DESIGN_MAJORITY:
+    if design.probabilities[list(confused)].sum() <= LIKELY:
         return None
     first = min(confused)
     return candidates[first], confused[first]
@@ -186,8 +185,8 @@ def _tests_expected(probability: float, gain: float) -> int:
     """Return how many tests of equal gain raise a probability until it is settled."""
     from scipy.special import logit
 
-    missing = SETTLED_LOG_ODDS - logit(probability)
-    return math.ceil(np.clip(missing / max(2.0 * gain, LEAST_GAIN), 1.0, MANY_TESTS))
+    missing = logit(SETTLED_PROBABILITY) - logit(probability)
+    return math.ceil(np.clip(missing / max(2.0 * gain, ROUNDING), 1.0, MANY_TESTS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +225,7 @@ class _Design:
             [np.isfinite(prediction.mean).all(axis=0) for prediction in predictions]
         )
         carried_by_base = carried[-1]
-        able = carried_by_base & (probabilities @ carried > DESIGN_MAJORITY)
+        able = carried_by_base & (probabilities @ carried > LIKELY)
         if not able.any():
             return None
         carried = carried[:, able]
@@ -307,7 +306,10 @@ def indistinguishable(
     Returns:
         For the index of each such set that of the most probable set it is confused with.
     """
+    from scipy.special import logit
+
     listed = [i for i, label in enumerate(labels) if label.kind is Kind.LISTED]
+    settled = logit(SETTLED_PROBABILITY)
     confused: dict[int, int] = {}
     for one, other in itertools.combinations(listed, 2):
         effects = set(labels[one].effects)
@@ -319,9 +321,9 @@ def indistinguishable(
             predictions[other].squared_distance(predictions[one], MANY_TESTS),
         )
         log_odds = math.log(probabilities[one] / probabilities[other])
-        if distance < 2.0 * (SETTLED_LOG_ODDS - log_odds):
+        if distance < 2.0 * (settled - log_odds):
             confused.setdefault(one, other)
-        if distance < 2.0 * (SETTLED_LOG_ODDS + log_odds):
+        if distance < 2.0 * (settled + log_odds):
             confused.setdefault(other, one)
     return confused
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
-from ..settings import ABSORBED_PART, NULL_BATCH, NULL_CAMPAIGNS, SMALL_CAMPAIGN
+from ..settings import ABSORBED_PART, DRAWS, NULL_BATCH, SMALL_CAMPAIGN
 from ..system import Array
 from .regions import Regions
 
@@ -34,7 +34,7 @@ class Significance(NamedTuple):
 
 
 def significance(
-    fit: Fit, boxes: Regions, seed: int, replicates: int = NULL_CAMPAIGNS
+    fit: Fit, boxes: Regions, seed: int, replicates: int = DRAWS
 ) -> Significance:
     """Test whether anything is left after a refit.
 

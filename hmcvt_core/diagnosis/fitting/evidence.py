@@ -28,10 +28,9 @@ from ..observations import Observations
 from ..settings import (
     AMPLITUDE_LOG_DEVIATION,
     AMPLITUDE_MOST_STEP,
-    AMPLITUDE_NEWTON_STEPS,
-    AMPLITUDE_ROUNDS,
+    AMPLITUDE_START,
     AMPLITUDE_TOLERANCE,
-    NOISE_ROUNDS,
+    FIXED_POINT_ROUNDS,
     NOISE_TOLERANCE,
 )
 from ..system import Array
@@ -74,6 +73,7 @@ def model_evidence(
     prior_dof: Array,
     signs: Array | None = None,
     start_noise: Array | None = None,
+    rounds: int = FIXED_POINT_ROUNDS,
 ) -> ModelEvidence:
     """Return the evidence and posterior of m linear models.
 
@@ -86,6 +86,7 @@ def model_evidence(
             `Hypothesis.signs`, shape (p,) or (m, p). If None no coefficient has one.
         start_noise: variance of each channel near the solution, shape (m, channels); that stated
             if None.
+        rounds: most rounds of the fixed point of the noise.
     """
     square = grams[..., :-1, :-1]
     cross = grams[..., :-1, -1]
@@ -96,18 +97,19 @@ def model_evidence(
     flat_square = square.reshape(*total.shape, p * p)
     noise = np.ones(total.shape) if start_noise is None else start_noise
     # Fixed point of the noise variances, given the posterior of the coefficients.
-    for _ in range(NOISE_ROUNDS):
+    for _ in range(rounds):
         weights = 1.0 / noise[:, None]
         matrix = (weights @ flat_square).reshape(-1, p, p)
         matrix[:, diagonal, diagonal] += precision
         covariance, log_determinant = _inverse_and_log_determinant(matrix)
         mean = ((weights @ cross) @ covariance)[:, 0]
-        # Posterior mean of |y - J t|^2 = y'y - 2 y'J t + t'J'J t, from the Gram matrices alone.
-        second_moment = covariance + mean[:, :, None] * mean[:, None, :]
-        explained = flat_square @ second_moment.reshape(-1, p * p, 1)
+        # Squared residuals, from the Gram matrices alone, and how many coefficients determine them.
+        outer = (mean[:, :, None] * mean[:, None, :]).reshape(-1, p * p, 1)
+        explained = flat_square @ outer
         squares = total + (explained - 2.0 * cross @ mean[..., None])[..., 0]
+        fitted = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0] / noise
         previous = noise
-        noise = (prior_dof + squares) / (prior_dof + count)
+        noise = (prior_dof + squares) / (prior_dof + count - fitted)
         if (np.abs(noise / previous - 1.0) < NOISE_TOLERANCE).all():
             break
     change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
@@ -180,33 +182,39 @@ def fitted_model(
     grams = gram(columns, target)
     groups = int(group.max(initial=-1)) + 1
     in_group = group >= 0
-    of_coefficients = group[in_group]
-    log_variance = np.zeros(groups)
-    effective = np.zeros(groups)
+    members = np.equal.outer(group[in_group], np.arange(groups)).astype(np.float64)
+    # From small amplitudes the noise takes up the gap first, and keeps it.
+    log_variance = np.full(groups, AMPLITUDE_START * AMPLITUDE_LOG_DEVIATION)
     signs = np.full(len(prior_spread), np.nan)
     noise = np.ones(len(grams))
-    for _ in range(AMPLITUDE_ROUNDS):
+    log_posterior = -np.inf
+    # One round of the noise for each of the amplitudes: both settle together.
+    for _ in range(FIXED_POINT_ROUNDS):
+        previous = log_posterior
         spread = _with_amplitudes(prior_spread, group, log_variance)
-        evidence, mean, covariance, noise = _single_evidence(
+        log_evidence, mean, covariance, noise = _single_evidence(
             grams, len(observed), spread, observed.prior_dof, noise
         )
-        precision = spread[in_group] ** -2.0
-        determined = 1.0 - np.diagonal(covariance)[in_group] * precision
-        effective = np.bincount(of_coefficients, determined, groups).clip(0.0)
-        relative = mean[in_group] ** 2 * precision
-        squares = np.bincount(of_coefficients, relative, groups).astype(np.float64)
-        step = _log_variance_step(log_variance, squares, effective)
-        log_variance = log_variance + step
-        if (np.abs(step) < AMPLITUDE_TOLERANCE).all():
+        of_prior = -0.5 * np.sum(log_variance**2) / AMPLITUDE_LOG_DEVIATION**2
+        log_posterior = log_evidence + float(of_prior)
+        of_groups = spread[in_group]
+        relative = covariance[np.ix_(in_group, in_group)]
+        relative = relative / np.outer(of_groups, of_groups)
+        effective = (1.0 - np.diagonal(relative)) @ members
+        if abs(log_posterior - previous) < AMPLITUDE_TOLERANCE:
             break
-    of_prior = -0.5 * np.sum(log_variance**2) / AMPLITUDE_LOG_DEVIATION**2
-    of_width = -0.5 * np.sum(np.log1p(0.5 * effective * AMPLITUDE_LOG_DEVIATION**2))
+        log_variance = log_variance + _log_variance_step(
+            log_variance, mean[in_group] / of_groups, relative, members
+        )
+    of_width = -0.5 * np.sum(
+        np.log1p(0.5 * effective.clip(0.0) * AMPLITUDE_LOG_DEVIATION**2)
+    )
     return LinearModel(
         columns=columns,
         target=target,
         spread=spread,
         signs=signs,
-        log_evidence=float(evidence + of_prior + of_width),
+        log_evidence=float(log_posterior + of_width),
         mean=mean,
         covariance=covariance,
         noise=noise,
@@ -229,26 +237,47 @@ def _single_evidence(
 ) -> tuple[float, Array, Array, Array]:
     """Return `model_evidence` of one model."""
     posterior = model_evidence(
-        grams[None], count, spread, prior_dof, start_noise=start_noise[None]
+        grams[None], count, spread, prior_dof, start_noise=start_noise[None], rounds=1
     )
     log_evidence, mean, covariance, noise = (part[0] for part in posterior)
     return float(log_evidence), mean, covariance, noise
 
 
-def _log_variance_step(log_variance: Array, squares: Array, effective: Array) -> Array:
-    """Return the Newton steps to the modes of the log variances of all groups.
+def _log_variance_step(
+    log_variance: Array, mean: Array, covariance: Array, members: Array
+) -> Array:
+    r"""Return the Newton step to the modes of the log variances of all groups.
+
+    With the coefficients m and their covariance C in units of their prior deviations, and
+    :math:`T_g = \sum_j C_{jj}` of the :math:`n_g` coefficients of a group, the slope is
+    :math:`\tfrac12(\sum_j m_j^2 - n_g + T_g) - \log v_g / \sigma^2`. As m and C change by
+    :math:`C_h m` and :math:`C_h C`, with :math:`C_h` the columns of group h, its derivative is
+
+    .. math:: \tfrac12\Bigl(-\delta_{gh}\bigl(\sum_j m_j^2 + T_g\bigr)
+              + \sum_{ij} C_{ij}^2 + 2\sum_{ij} m_i C_{ij} m_j\Bigr) - \delta_{gh} / \sigma^2
+
+    Where this is not negative definite, the step holds C and the other groups.
 
     Args:
         log_variance: before the step, shape (groups,).
-        squares: of the coefficients, in their variances before the step, shape (groups,).
-        effective: numbers of determined coefficients, shape (groups,).
+        mean: of the coefficients in groups, in prior deviations, shape (k,).
+        covariance: the same, shape (k, k).
+        members: 1 where a coefficient is in a group, else 0, shape (k, groups).
     """
-    precision = AMPLITUDE_LOG_DEVIATION**-2.0
-    step = np.zeros_like(log_variance)
-    for _ in range(AMPLITUDE_NEWTON_STEPS):
-        shrunk = squares * np.exp(-step)
-        slope = 0.5 * (shrunk - effective) - precision * (log_variance + step)
-        step = step + slope / (0.5 * shrunk + precision)
+    from scipy.linalg import LinAlgError, solve
+
+    prior_precision = AMPLITUDE_LOG_DEVIATION**-2.0
+    squares = mean**2 @ members
+    own = np.diagonal(covariance) @ members
+    slope = 0.5 * (squares - members.sum(axis=0) + own)
+    slope -= prior_precision * log_variance
+    coupled = covariance**2 + 2.0 * mean[:, None] * covariance * mean
+    curvature = np.diag(0.5 * (squares + own) + prior_precision)
+    curvature -= 0.5 * (members.T @ coupled @ members)
+    try:
+        step = solve(curvature, slope, assume_a="pos")
+    except LinAlgError:
+        step = slope / (0.5 * squares + prior_precision)
     return np.asarray(step.clip(-AMPLITUDE_MOST_STEP, AMPLITUDE_MOST_STEP))
 
 

@@ -236,7 +236,7 @@ def refit(
 
     Steps update the Jacobian instead of taking it anew (Broyden 1965, Math. Comp. 19, 577). Where
     an updated Jacobian leads to no better point it is taken anew, and the refit ends where an exact
-    one leads to none.
+    one leads to none. The one returned is exact.
 
     Args:
         hypothesis: what is assumed.
@@ -254,6 +254,10 @@ def refit(
         whitened = _whitened(hypothesis, observed, theta)
     first = _Trial(theta, whitened)
     descent = _descend(hypothesis, observed, first, slopes, rough, noise)
+    if not descent.is_exact:
+        # A gap of a thousand deviations shows an error of a thousandth in its signature.
+        jacobian = _jacobian(hypothesis, observed, descent.theta, descent.whitened)
+        descent = descent._replace(jacobian=jacobian)
     variance = _noise(observed, descent.whitened, len(theta))
     if descent.is_stuck and start is not None and noise is None:
         better = restart_from_prior(hypothesis, observed, variance, rough)
@@ -276,12 +280,14 @@ class _Descent(NamedTuple):
         theta: parameters, shape (p,).
         whitened: residuals, shape (channels, n).
         jacobian: as in `Fit`, shape (channels, n, p).
+        is_exact: whether the Jacobian was taken there.
         is_stuck: whether no step was made because steps lose an answer.
     """
 
     theta: Array
     whitened: Array
     jacobian: Array
+    is_exact: bool
     is_stuck: bool
 
 
@@ -315,7 +321,7 @@ def _descend(
             is_good_enough = rough and (negligible or has_moved)
             if is_exact or is_good_enough:
                 is_stuck = search.lost_answer and not has_moved
-                return _Descent(theta, whitened, jacobian, is_stuck)
+                return _Descent(theta, whitened, jacobian, is_exact, is_stuck)
             jacobian = _jacobian(hypothesis, observed, theta, whitened)
             is_exact = True
             continue
@@ -325,7 +331,7 @@ def _descend(
         theta, whitened = search.accepted
         is_exact = False
         has_moved = True
-    return _Descent(theta, whitened, jacobian, is_stuck=False)
+    return _Descent(theta, whitened, jacobian, is_exact, is_stuck=False)
 
 
 class _Trial(NamedTuple):

@@ -13,7 +13,7 @@ from ..detection.significance import Significance
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior, Weighted
-from ..settings import GAP_SIGNIFICANCE, NO_GAP_PROBABILITY, SMALL_CAMPAIGN
+from ..settings import GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
 from ..system import Array
 
 
@@ -49,7 +49,7 @@ class Analysis:
         """
         if len(self.base.observed) < SMALL_CAMPAIGN:
             return self.is_rare
-        return self.is_rare and self.posterior.no_gap < NO_GAP_PROBABILITY
+        return self.is_rare and self.posterior.no_gap < LIKELY
 
     @property
     def is_rare(self) -> bool:

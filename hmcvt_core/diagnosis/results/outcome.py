@@ -14,7 +14,7 @@ from ..design.advice import Advice, NextTest
 from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import SESSION, Observations
 from ..selection.posterior import Posterior
-from ..settings import REGION_SIGNIFICANCE, UNEXPLAINED_PROBABILITY
+from ..settings import LIKELY, REGION_SIGNIFICANCE
 from ..system import Array, Axis, Channel
 
 NAMING = ("cause_found", "ambiguous")
@@ -358,7 +358,7 @@ class Outcome:
     @property
     def merely_off(self) -> bool:
         """Whether the gap is most likely a base model that is a little off, and nothing else."""
-        return self.misfit > self.unlisted / 2.0 > UNEXPLAINED_PROBABILITY / 2.0
+        return self.misfit > self.unlisted / 2.0 > LIKELY / 2.0
 
     @property
     def named(self) -> Cause | None:

@@ -3,8 +3,9 @@ r"""How far the gap shrinks, promised for operating points and sessions not yet 
 
 .. math:: S = 1 - G^2_{after} / G^2_{before}
 
-G^2 is the mean square of what the machine does differently from a model. By cross-validation it is
-estimated twice:
+G^2 is the mean square of what the machine does differently from a model, over the range that the
+tests span: plans put many tests at its edges, where gaps are large, so each sample counts for the
+part of the range that is nearest to it. By cross-validation G^2 is estimated twice:
 
 - measured: the mean squared error at samples left out, less the noise. The folds are random points,
   blocks of neighbouring points, and whole sessions;
@@ -36,10 +37,10 @@ from ..fitting.cross_validation import (
     session_assignments,
 )
 from ..fitting.refit import Fit
-from ..observations import Observations
+from ..observations import Observations, scaled_to_extent
 from ..preparation import describe_samples
 from ..selection.explanation import Explanation
-from ..settings import LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_DRAWS, SHRINKAGE_TAIL
+from ..settings import DRAWS, LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
 from ..system import Array
 from .analysis import Analysis, rms
 from .outcome import ShrinkageSummary
@@ -135,6 +136,7 @@ class CrossValidation:
                 self.analysis.seed,
                 blocks=[*self._blocks, *self._sessions],
                 expected=self._expected(explanation),
+                shares=shares_of_range(self.analysis.base),
             )
         return self._shrinkage[explanation]
 
@@ -177,8 +179,8 @@ class CrossValidation:
         entries = self.analysis.posterior.relevant.entries
         probabilities = [probability for _, probability in entries]
         rng = np.random.default_rng(self.analysis.seed)
-        drawn = rng.choice(len(entries), SHRINKAGE_DRAWS, p=probabilities)
-        draws = np.empty((SHRINKAGE_DRAWS, len(observed)))
+        drawn = rng.choice(len(entries), DRAWS, p=probabilities)
+        draws = np.empty((DRAWS, len(observed)))
         for i in np.unique(drawn):
             explanation, _ = entries[i]
             prediction = explanation.prediction_at(observed, with_allowances=True)
@@ -194,11 +196,37 @@ class CrossValidation:
 def _root(covariance: Array) -> Array:
     """Return a matrix whose product with its transpose is a covariance, shape (p, p).
 
-    Units of coefficients differ by orders of magnitude, so the correlations are factored.
+    Units of coefficients differ by orders of magnitude, so the correlations are factored. Their
+    symmetric root is unique: rounding does not change what is drawn.
     """
     deviation = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
-    return np.asarray(deviation[:, None] * vectors * np.sqrt(values.clip(0.0)))
+    root = vectors * np.sqrt(values.clip(0.0)) @ vectors.T
+    return np.asarray(deviation[:, None] * root)
+
+
+def shares_of_range(base: Fit) -> Array:
+    """Return the part of the range of the tests that each sample is nearest to, shape (n,).
+
+    The range holds the samples, and the tests that can be run between the lowest and the highest
+    of each axis. Samples at one point share its part.
+    """
+    from scipy.spatial import cKDTree
+
+    observed = base.observed
+    tests = base.hypothesis.system.candidates(observed.points, base.base)
+    possible = base.observations_at(tests).coordinates
+    low = observed.coordinates.min(axis=1, keepdims=True)
+    high = observed.coordinates.max(axis=1, keepdims=True)
+    inside = ((possible >= low) & (possible <= high)).all(axis=0)
+    within = np.concatenate([possible[:, inside], observed.coordinates], axis=1)
+    within = scaled_to_extent(within, observed.coordinates).T
+    points, point, repeats = np.unique(
+        within[-len(observed) :], axis=0, return_inverse=True, return_counts=True
+    )
+    _, nearest = cKDTree(points).query(within)
+    near = np.bincount(nearest, minlength=len(points)) / len(within)
+    return np.asarray((near / repeats)[point.ravel()])
 
 
 def measure_shrinkage(
@@ -281,6 +309,7 @@ def shrinkage(
     *,
     blocks: Sequence[Sequence[Fold]] = (),
     expected: ExpectedGap | None = None,
+    shares: Array | None = None,
 ) -> ShrinkageSummary:
     """Return how far the gap shrinks, from errors on data not used for the fit.
 
@@ -294,22 +323,28 @@ def shrinkage(
         blocks: assignments of the samples to blocks, which are drawn whole; single samples are
             drawn if there are none.
         expected: draws of the gap by the posterior; None counts the errors alone.
+        shares: what each sample counts, shape (n,), with the sum 1; even if None.
     """
+    if shares is None:
+        shares = np.full(len(before), 1.0 / len(before))
     variances = np.broadcast_to(np.square(noise), before.shape)
     squares = np.stack([before**2, after**2], axis=1) - variances[:, None]
-    gap_squares = np.maximum(squares.mean(axis=0), 0.0)
+    gap_squares = np.maximum(shares @ squares, 0.0)
     if expected is not None:
-        gap_squares = _squares_with_posterior(gap_squares, expected)
+        gap_squares = _squares_with_posterior(gap_squares, expected, shares)
     fraction = None
     interval = None
     if significant and gap_squares[0] > 0.0:
         fraction = float(_fractions(gap_squares[None])[0])
-        interval = _interval(squares, fraction, seed, blocks, expected)
+        weights = _bootstrap_weights(shares, seed, blocks)
+        interval = _interval(squares, fraction, weights, expected)
     root_before, root_after = np.sqrt(gap_squares).tolist()
     return ShrinkageSummary(root_before, root_after, fraction, interval, on)
 
 
-def _squares_with_posterior(measured: Array, expected: ExpectedGap) -> Array:
+def _squares_with_posterior(
+    measured: Array, expected: ExpectedGap, shares: Array
+) -> Array:
     """Return G^2 before and after, from the posterior and from errors, shape (2,).
 
     The posterior gives its median fraction, because a few draws with a large gap would lower every
@@ -318,8 +353,9 @@ def _squares_with_posterior(measured: Array, expected: ExpectedGap) -> Array:
     Args:
         measured: G^2 before and after, from errors at samples left out, shape (2,).
         expected: draws of the gap by the posterior.
+        shares: as of `shrinkage`.
     """
-    draws = _mean_squares(expected)
+    draws = _mean_squares(expected, np.broadcast_to(shares, expected.before.shape))
     mean = draws.mean(axis=0)
     excess = np.maximum(measured - mean, 0.0) / 2.0
     kept = 1.0 - np.median(_fractions(draws))
@@ -334,22 +370,16 @@ def _fractions(squares: Array) -> Array:
 
 
 def _interval(
-    squares: Array,
-    fraction: float,
-    seed: int,
-    blocks: Sequence[Sequence[Fold]],
-    expected: ExpectedGap | None,
+    squares: Array, fraction: float, weights: Array, expected: ExpectedGap | None
 ) -> tuple[float, float] | None:
     """Return the interval of a fraction, widened to contain it; None where no draw has a gap.
 
     Args:
         squares: squared errors before and after less the noise, shape (n, 2).
         fraction: the estimate.
-        seed: of the bootstrap.
-        blocks: as of `shrinkage`.
+        weights: of the samples in each draw, shape (draws, n).
         expected: as of `shrinkage`; every other draw is one of the posterior.
     """
-    weights = _bootstrap_weights(len(squares), seed, blocks)
     draws = weights @ squares
     if expected is not None:
         draws[1::2] = _mean_squares(expected, weights)[1::2]
@@ -361,44 +391,47 @@ def _interval(
     return min(low, fraction), max(high, fraction)
 
 
-def _mean_squares(expected: ExpectedGap, weights: Array | None = None) -> Array:
+def _mean_squares(expected: ExpectedGap, weights: Array) -> Array:
     """Return mean squares of drawn gaps before and after, shape (draws, 2).
 
     Args:
         expected: the draws.
-        weights: of the samples in each draw, shape (draws, n); even if None.
+        weights: of the samples in each draw, shape (draws, n).
     """
     columns = []
     for gap in (expected.before, expected.after):
         answered = np.isfinite(gap) & np.isfinite(expected.before)
-        weight = answered if weights is None else weights * answered
+        weight = weights * answered
         total = np.sum(weight * np.where(answered, gap, 0.0) ** 2, axis=1)
         columns.append(total / np.maximum(weight.sum(axis=1), ROUNDING))
     return np.stack(columns, axis=1)
 
 
-def _bootstrap_weights(n: int, seed: int, blocks: Sequence[Sequence[Fold]]) -> Array:
+def _bootstrap_weights(
+    shares: Array, seed: int, blocks: Sequence[Sequence[Fold]]
+) -> Array:
     """Return weights of samples in draws with replacement, rows summing to 1, shape (draws, n).
 
     Samples of one block share what they deviate by, so blocks are drawn whole (block bootstrap;
     Kuensch 1989, Ann. Stat. 17, 1217). The assignments take turns.
 
     Args:
-        n: number of samples.
+        shares: as of `shrinkage`.
         seed: of the draws.
         blocks: as of `shrinkage`.
     """
+    n = len(shares)
     rng = np.random.default_rng(seed)
-    weights = np.empty((SHRINKAGE_DRAWS, n))
+    weights = np.empty((DRAWS, n))
     labels = [np.arange(n)]
     if blocks:
         labels = [_labels(n, folds) for folds in blocks]
-    for draw in range(SHRINKAGE_DRAWS):
+    for draw in range(DRAWS):
         # In pairs: every other draw is one of the posterior.
         label = labels[draw // 2 % len(labels)]
         count = int(label.max()) + 1
         drawn = np.bincount(rng.integers(0, count, count), minlength=count)
-        weights[draw] = drawn[label]
+        weights[draw] = shares * drawn[label]
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 

@@ -14,13 +14,13 @@ from ..selection.posterior import Posterior
 from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     INTERVAL_DEVIATIONS,
-    LARGEST_PLAUSIBLE_SIZE,
-    LEAST_CAUSE_PROBABILITY,
+    LEADING_SETS,
     MOST_CAUSES,
     MOST_CAUSES_UNEXPLAINED,
     MOST_REGIONS,
+    RELEVANT_PROBABILITY,
     ROUNDING,
-    SUMMARISED_SETS,
+    SIZE_SPREADS,
 )
 from ..system import Array, BaseParameters, Effect
 from .analysis import Analysis, model_of, parameter_covariance, rms
@@ -47,7 +47,7 @@ def causes_of(
     others = [
         name
         for name, probability in probabilities.items()
-        if name not in leading.names and probability >= LEAST_CAUSE_PROBABILITY
+        if name not in leading.names and probability >= RELEVANT_PROBABILITY
     ]
     most = MOST_CAUSES_UNEXPLAINED if verdict == "unexplained" else MOST_CAUSES
     names = (members + others)[:most]
@@ -136,7 +136,7 @@ def _effect_parameters(effect: Effect, size_error: float) -> dict[str, dict[str,
                 min(value + reach, parameter.high),
             ]
             within = parameter.low < value < parameter.high
-            usual = abs(value) <= LARGEST_PLAUSIBLE_SIZE * abs(parameter.typical)
+            usual = abs(value) <= max(SIZE_SPREADS) * abs(parameter.typical)
             entry["plausible"] = bool(within and usual)
         values[parameter.name] = entry
     return values
@@ -192,7 +192,7 @@ def sets_of(analysis: Analysis, validation: CrossValidation) -> tuple[CauseSet, 
         return ()
     sets: list[CauseSet] = []
     for names, (explanation, probability) in analysis.posterior.sets.items():
-        if len(sets) < SUMMARISED_SETS:
+        if len(sets) < LEADING_SETS:
             shrinkage = validation.shrinkage(explanation)
             entry = CauseSet(names, probability, shrinkage.after, shrinkage.fraction)
         else:

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from ..settings import (
     CAUSE_FOUND_PROBABILITY,
-    RIVAL_SET_MARGIN,
-    UNEXPLAINED_PROBABILITY,
+    LIKELY,
 )
 from ..wording import plain
 from .analysis import Analysis
@@ -17,7 +16,7 @@ def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
     if not analysis.significant:
         return "no_gap", _why_no_gap(analysis)
     posterior = analysis.posterior
-    if posterior.unlisted > UNEXPLAINED_PROBABILITY:
+    if posterior.unlisted > LIKELY:
         if posterior.misfit > posterior.unlisted / 2.0:
             note = (
                 "the base model is slightly off, smoothly: less than a cause would need"
@@ -69,12 +68,15 @@ def _has_rival(analysis: Analysis) -> bool:
 
     A set that no test distinguishes from the leading one is no rival.
     """
+    from scipy.special import logit
+
     leading, _ = analysis.leading
     twins = analysis.leading_class_set.sets
+    margin = logit(CAUSE_FOUND_PROBABILITY)
     for names, (explanation, _) in analysis.posterior.sets.items():
         if names in twins or len(names) != len(leading.names) or explanation.bend:
             continue
-        if explanation.log_evidence > leading.log_evidence - RIVAL_SET_MARGIN:
+        if explanation.log_evidence > leading.log_evidence - margin:
             return True
     return False
 
@@ -84,4 +86,4 @@ def _leads_with_discrepancy(analysis: Analysis) -> bool:
     first, _ = analysis.posterior.entries[0]
     if first.discrepancy is None:
         return False
-    return first.explained_fraction(analysis.posterior.base_only) > 0.5
+    return first.explained_fraction(analysis.posterior.base_only) > LIKELY

@@ -30,9 +30,9 @@ from ..settings import (
     EXTRA_DISCREPANCY_PART,
     FORM_ALLOWANCES,
     LEAST_BEND_MATCH,
-    LEAST_SQUARE_PART,
     MISSED_PART,
     NO_ANSWER,
+    ROUNDING,
     SIZE_SPREADS,
 )
 from ..system import Array
@@ -142,8 +142,8 @@ class Explanation:
         complete = self.model.residual() / deviation
 
         remaining = np.sum(complete**2)
-        total_change = np.sum((base - complete) ** 2) + LEAST_SQUARE_PART
-        reduction = max(np.sum(base**2) - remaining, LEAST_SQUARE_PART)
+        total_change = np.sum((base - complete) ** 2) + ROUNDING
+        reduction = max(np.sum(base**2) - remaining, ROUNDING)
         extra_part = np.sum((with_bends - complete) ** 2) / total_change
         bends_part = np.sum((with_base_allowance - with_bends) ** 2) / total_change
         not_reduced_part = (np.sum(set_alone**2) - remaining) / reduction
@@ -492,7 +492,7 @@ def _box_gains(
         "cn,cn...->n...", weighted, model.residual()
     )
     absorbed = np.sum(with_columns @ model.covariance * with_columns, axis=1)
-    squares = np.maximum(with_itself - absorbed, LEAST_SQUARE_PART * with_itself)
+    squares = np.maximum(with_itself - absorbed, ROUNDING * with_itself)
     spreads = observed.channels[channel].step_spreads
     ratios = np.square(spreads)[:, None] * squares
     signal = with_residual**2 / squares * ratios / (1.0 + ratios)

@@ -24,7 +24,8 @@ from ..detection.regions import Regions
 from ..fitting.refit import Fit
 from ..observations import Observations
 from ..settings import (
-    BOOTSTRAP_CAMPAIGNS,
+    DRAWS,
+    LEADING_SETS,
     PRIOR_BASE_DISCREPANCY,
     PRIOR_BEND,
     PRIOR_NO_GAP,
@@ -32,7 +33,6 @@ from ..settings import (
     PRIOR_UNLISTED,
     RELEVANT_PROBABILITY,
     REVERSED_EFFECTS,
-    SETS_WITH_DISCREPANCY,
 )
 from ..system import Array, Points
 from .explanation import (
@@ -182,7 +182,7 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     competing = [
         *sets,
         *bends,
-        *_sets_with_discrepancy(sets[:SETS_WITH_DISCREPANCY], boxes),
+        *_sets_with_discrepancy(sets[:LEADING_SETS], boxes),
         *_with_shared_prior(
             [explain_by_base_discrepancy(base_only)], PRIOR_BASE_DISCREPANCY
         ),
@@ -326,7 +326,7 @@ def _bagged(
     n = len(observed)
     rng = np.random.default_rng(seed)
     even = np.full(n, 1.0 / n)
-    extra_counts = rng.multinomial(n, even, BOOTSTRAP_CAMPAIGNS) - 1.0
+    extra_counts = rng.multinomial(n, even, DRAWS) - 1.0
     # Draws are assigned in the order of the readings, so the order of the rows does not matter.
     order = np.lexsort([*observed.measured, *observed.coordinates])
     extra_counts[:, order] = extra_counts.copy()

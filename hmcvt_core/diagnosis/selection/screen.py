@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..fitting.evidence import gram, linear_models, log_mean, model_evidence
 from ..fitting.hypothesis import Hypothesis
 from ..fitting.refit import Fit, Signature, refit
-from ..settings import SCREENED_SPREAD, SIZE_SPREADS
+from ..settings import SIZE_SPREADS
 from ..system import Array, Effect
 
 Names = tuple[str, ...]
@@ -172,7 +172,7 @@ def _gains(
     hypothesis = fit.hypothesis
     theta_count = len(fit.theta)
     count = len(combinations[0])
-    spread = hypothesis.spread(SCREENED_SPREAD)
+    spread = hypothesis.spread(float(np.median(SIZE_SPREADS)))
     (without,) = linear_models(
         observed, fit.jacobian, fit.target, spread[None], hypothesis.signs
     )

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from ..fitting.refit import Fit, Signature, refit_without, with_free_shapes
 from ..settings import (
     EXACT_REFIT_MARGIN,
-    EXACT_REFITS,
     EXCHANGE_ROUNDS,
     EXCHANGED_EFFECTS,
     EXCHANGED_FORMS,
@@ -305,7 +304,7 @@ class _Search:
         candidates = self.candidates
         ranked = candidates.ranked()
         least = candidates.log_evidence(ranked[0]) - EXACT_REFIT_MARGIN
-        for names in ranked[:EXACT_REFITS]:
+        for names in ranked[:LEADING_SETS]:
             if candidates.log_evidence(names) > least:
                 candidates.refit_exactly(names)
 
