@@ -71,5 +71,5 @@ def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
     # A constant torque of 8 N m at these loads.
     assert rmse > 2.0 * found.delivered.rmse_after
     assert found.shrinkage.before == pytest.approx(
-        np.sqrt(rmse**2 - found.gap.noise**2), rel=0.15
+        np.sqrt(rmse**2 - found.gap.noise**2), rel=0.25
     )

@@ -10,7 +10,12 @@ from studies.blind.__main__ import command
 from studies.blind.bench.classes import ENGINE_TORQUE, PROPORTIONAL, classes_of
 from studies.blind.bench.library import listed_name, without_effects
 from studies.blind.bench.properties import PROPERTIES, Bench
-from studies.blind.bench.scores import band_table, cost_table, score_table
+from studies.blind.bench.scores import (
+    band_table,
+    cost_table,
+    score_table,
+    unlisted_table,
+)
 from studies.blind.bench.study import cases
 from studies.blind.bench.truth import KINDS, USUAL_KINDS
 from studies.blind.bench.unlisted_losses import UNLISTED_LOSSES
@@ -100,6 +105,14 @@ def test_the_cost_of_a_property_is_a_line_of_figures():
     text = cost_table({"nothing": [exact, wrong], "zero": [exact, exact]})
     assert "1/2 = 50 %" in text.splitlines()[2]
     assert "2/2 = 100 %" in text.splitlines()[3]
+
+
+def test_every_unlisted_loss_has_a_line_with_what_is_named_instead():
+    refused = record("unlisted", ["oil_fan"], [], verdict="unexplained")
+    named = record("unlisted", ["oil_fan"], ["churning"], beyond=5.0)
+    *_, line = unlisted_table([refused, named]).splitlines()
+    assert line == "| `oil_fan` | 2 | 1 | 0 | 1 | churning (1) |"
+    assert unlisted_table([record("single", ["churning"], ["churning"])]) == ""
 
 
 def test_kinds_are_mixed_and_a_longer_run_begins_as_a_shorter_one():

@@ -295,30 +295,34 @@ def change_of_prior_scale(
     and the moment prior of the new scales added.
 
     Args:
-        mean: posterior mean m of these coefficients, shape (k,).
-        covariance: their posterior covariance C, shape (k, k).
+        mean: posterior mean m of these coefficients, shape (..., k).
+        covariance: their posterior covariance C, shape (..., k, k).
         spread: prior standard deviations s that they had, shape (k,).
         others: other prior standard deviations s', shape (m, k).
-        signs: as in `moment_prior_log_bayes_factor`, shape (k,). The fitted model has no moment
-            prior.
+        signs: as in `moment_prior_log_bayes_factor`, shape (..., k). The fitted model has no moment
+            prior for these coefficients.
 
     Returns:
-        Shape (m,).
+        Shape (..., m).
     """
     old_precision = np.linalg.inv(covariance)
-    pull = old_precision @ mean
-    new_priors = np.stack([np.diag(scale**-2.0) for scale in others])
-    new_precision = old_precision - np.diag(spread**-2.0) + new_priors
+    pull = (old_precision @ mean[..., None])[..., 0]
+    change_of_prior = others[..., None] ** -2.0 * np.eye(len(spread))
+    change_of_prior -= np.diag(spread**-2.0)
+    new_precision = old_precision[..., None, :, :] + change_of_prior
     new_covariance = np.linalg.inv(new_precision)
-    new_mean = new_covariance @ pull
+    new_mean = (new_covariance @ pull[..., None, :, None])[..., 0]
     log_new = np.linalg.slogdet(new_precision)[1]
     log_old = np.linalg.slogdet(old_precision)[1]
-    normal = 0.5 * (new_mean @ pull - mean @ pull - log_new + log_old)
-    new_variance = np.diagonal(new_covariance, axis1=1, axis2=2)
+    of_old = np.sum(mean * pull, axis=-1) - log_old
+    of_new = np.sum(new_mean * pull[..., None, :], axis=-1) - log_new
+    new_variance = np.diagonal(new_covariance, axis1=-2, axis2=-1)
     return np.asarray(
-        normal
-        + np.sum(np.log(spread / others), axis=1)
-        + moment_prior_log_bayes_factor(new_mean, new_variance, others, signs)
+        0.5 * (of_new - of_old[..., None])
+        + np.sum(np.log(spread / others), axis=-1)
+        + moment_prior_log_bayes_factor(
+            new_mean, new_variance, others, signs[..., None, :]
+        )
     )
 
 
@@ -333,14 +337,14 @@ def moment_prior_log_bayes_factor(
     fast as evidence for one that is present. A size of one sign has the prior of that side only.
 
     Args:
-        mean: posterior mean under the normal prior, shape (m, p).
-        variance: posterior variance of each coefficient, shape (m, p).
-        spread: standard deviations s of the normal prior, shape (p,) or (m, p).
+        mean: posterior mean under the normal prior, shape (..., p).
+        variance: posterior variance of each coefficient, shape (..., p).
+        spread: standard deviations s of the normal prior, shape (p,) or (..., p).
         signs: 1 or -1 for a size of one sign, 0 for a size of either sign, NaN for what is not a
-            size, shape (p,) or (m, p).
+            size, shape (p,) or (..., p).
 
     Returns:
-        The sum over the sizes, shape (m,).
+        The sum over the sizes, shape (...,).
     """
     from scipy.special import log_ndtr
 
@@ -354,7 +358,7 @@ def moment_prior_log_bayes_factor(
     log_moment = np.log(np.maximum(second_moment, 1e-300) / spread**2)
     log_side = np.where(sign == 0.0, 0.0, np.log(2.0) + log_sign_probability)
     log_factors = np.where(np.isnan(signs), 0.0, log_moment + log_side)
-    return np.asarray(np.sum(log_factors, axis=1))
+    return np.asarray(np.sum(log_factors, axis=-1))
 
 
 def log_mean(values: Sequence[float] | Sequence[Array] | Array) -> Array:

@@ -11,7 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fitting.evidence import gram, linear_models, log_mean, model_evidence
+from ..fitting.evidence import (
+    change_of_prior_scale,
+    gram,
+    linear_models,
+    log_mean,
+    model_evidence,
+)
 from ..fitting.hypothesis import Hypothesis
 from ..fitting.refit import Fit, Signature, refit
 from ..settings import SIZE_SPREADS
@@ -179,25 +185,27 @@ def _gains(
     # Columns of all models: theta of the refit, then the forms of the combination.
     of_refit = np.tile(np.arange(theta_count), (len(combinations), 1))
     columns = np.concatenate([of_refit, theta_count + np.array(combinations)], axis=1)
-    grams = _grams(fit, changes, columns)
+    widest = np.full(count, max(SIZE_SPREADS))
+    # The moment prior of the forms enters with the scale of their sizes, below.
+    posterior = model_evidence(
+        _grams(fit, changes, columns),
+        len(observed),
+        np.append(spread, widest),
+        observed.prior_dof,
+        np.append(hypothesis.signs, np.full(count, np.nan)),
+        np.tile(without.noise, (len(combinations), 1)),
+    )
     of_forms = Hypothesis(hypothesis.system, forms, reversed_sign)
-    all_signs = np.append(hypothesis.signs, of_forms.signs[of_forms.base_count :])
-    log_evidence = []
-    noise = np.tile(without.noise, (len(combinations), 1))
-    for scale in SIZE_SPREADS:
-        extended = np.append(spread, np.full(count, scale))
-        posterior = model_evidence(
-            grams,
-            len(observed),
-            extended,
-            observed.prior_dof,
-            all_signs[columns],
-            noise,
-        )
-        log_evidence.append(posterior.log_evidence)
-        # The noise hardly depends on the scale, so the next one starts from here.
-        noise = posterior.noise
-    return np.asarray(log_mean(log_evidence) - without.log_evidence)
+    signs = of_forms.signs[of_forms.base_count :][np.array(combinations)]
+    change = change_of_prior_scale(
+        posterior.mean[:, theta_count:],
+        posterior.covariance[:, theta_count:, theta_count:],
+        widest,
+        np.tile(np.array(SIZE_SPREADS)[:, None], count),
+        signs,
+    )
+    gain = posterior.log_evidence - without.log_evidence
+    return gain + log_mean(change.T)
 
 
 def _grams(fit: Fit, changes: Array, columns: NDArray[np.intp]) -> Array:

@@ -5,6 +5,7 @@ Counted strictly: a case that is refused is not first, and a set is right only i
 those hidden, no more and no less.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -255,6 +256,31 @@ def band_table(records: Sequence[Record]) -> str:
             )
         )
     return table(("probability of the first set", "mean", "right"), rows)
+
+
+def unlisted_table(records: Sequence[Record]) -> str:
+    """Return what is answered to each loss that the list lacks; empty without such campaigns."""
+    by_loss: dict[str, list[Record]] = {}
+    for record in records:
+        if record["kind"] == "unlisted":
+            by_loss.setdefault(record["truth"][0], []).append(record)
+    rows = []
+    for loss, of_loss in sorted(by_loss.items()):
+        instead = Counter(
+            " + ".join(record["classes"][0][0]) for record in of_loss if named(record)
+        )
+        rows.append(
+            (
+                f"`{loss}`",
+                len(of_loss),
+                sum(refused(record) for record in of_loss),
+                sum(not alarmed(record) for record in of_loss),
+                sum(not distinguishable(record) for record in of_loss),
+                "; ".join(f"{words} ({count})" for words, count in instead.items()),
+            )
+        )
+    head = ("hidden", "campaigns", "refused", "no gap", "imitated", "named instead")
+    return table(head, rows) if rows else ""
 
 
 def _said(record: Record) -> tuple[float, bool]:

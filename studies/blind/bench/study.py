@@ -19,6 +19,7 @@ from studies.blind.bench.scores import (
     cost_table,
     misses,
     score_table,
+    unlisted_table,
 )
 from studies.blind.bench.truth import KINDS, USUAL_KINDS
 from studies.page import render
@@ -90,7 +91,12 @@ def judged(case: Case) -> Record:
 def report(records: Sequence[Record]) -> str:
     """Return the tables of a run."""
     usable = [record for record in records if "error" not in record]
-    parts = [score_table(usable), band_table(usable), misses(usable)]
+    parts = [
+        score_table(usable),
+        band_table(usable),
+        unlisted_table(usable),
+        misses(usable),
+    ]
     for record in records:
         if "error" in record:
             parts.append(f"{record['kind']}/{record['seed']}: {record['error']}")
@@ -143,6 +149,7 @@ def page(
         fresh=FRESH_TESTS,
         scores=score_table(usable),
         bands=band_table(usable),
+        unlisted=unlisted_table(usable),
         cost=cost_lines,
     )
 
