@@ -9,10 +9,12 @@ from scipy.stats import multivariate_normal
 from hmcvt_core.diagnosis.fitting.evidence import (
     LinearModel,
     change_of_prior_scale,
+    fitted_model,
     gram,
     model_evidence,
 )
 from hmcvt_core.diagnosis.selection.prediction import Prediction
+from hmcvt_core.diagnosis.settings import AMPLITUDE_LOG_DEVIATION
 
 CERTAIN = 1e8
 """So much worth that the noise stays as stated."""
@@ -166,6 +168,64 @@ def test_one_sided_stays_finite_far_on_the_wrong_side(far):
         np.ones((1, 50, 1)), np.full((1, 50), -far), np.array([10.0]), index=0
     )
     assert -1e15 < factor < -1000.0
+
+
+class _Readings:
+    """What a fit of amplitudes asks of observations."""
+
+    def __init__(self, n, prior_dof):
+        self.n = n
+        self.prior_dof = np.array(prior_dof)
+
+    def __len__(self):
+        return self.n
+
+
+def _log_posterior(columns, target, spread, group, log_variance, prior_dof):
+    """Of the amplitudes, with the noise and the coefficients at their best."""
+    amplitude = np.exp(0.5 * np.append(log_variance, 0.0))[group]
+    found = model_evidence(
+        gram(columns, target)[None],
+        target.shape[1],
+        spread * amplitude,
+        np.array(prior_dof),
+    )
+    of_prior = -0.5 * np.sum(log_variance**2) / AMPLITUDE_LOG_DEVIATION**2
+    return found.log_evidence[0] + of_prior
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fitted_amplitudes_are_at_a_mode(seed):
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((2, 40, 12))
+    group = np.repeat([-1, 0, 1, 2], 3)
+    truth = rng.standard_normal(12) * np.repeat([1.0, 5.0, 1.0, 0.0], 3)
+    target = columns @ truth + rng.standard_normal((2, 40))
+    spread = np.ones(12)
+    prior_dof = [8.0, 8.0]
+    fit = fitted_model(_Readings(40, prior_dof), columns, target, spread, group)
+    log_variance = 2.0 * np.log(fit.spread[[3, 6, 9]])
+    assert log_variance[0] > log_variance[1] > log_variance[2]
+
+    def at(changed):
+        return _log_posterior(columns, target, spread, group, changed, prior_dof)
+
+    best = at(log_variance)
+    for i in range(3):
+        for step in (-0.5, 0.5):
+            assert at(log_variance + step * np.eye(3)[i]) < best
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_does_not_take_up_a_large_gap(seed):
+    """A gap a hundred times the median amplitude, which the columns follow to the noise."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((1, 96, 37))
+    group = np.append(-1, np.repeat(np.arange(6), 6))
+    truth = np.append(1.0, 100.0 * rng.standard_normal(36))
+    target = columns @ truth + rng.standard_normal((1, 96))
+    fit = fitted_model(_Readings(96, [8.0]), columns, target, np.ones(37), group)
+    assert fit.noise[0] == pytest.approx(1.0, rel=0.4)
 
 
 def test_a_point_that_was_read_makes_another_surer():

@@ -203,3 +203,14 @@ def test_effects_with_the_wrong_sign_are_refitted_below_zero():
     observed = observe(campaign((Churning(-8.0),), seed=2), 0.003)
     assert refit(hypothesis, observed).effects[0].torque == pytest.approx(-8.0, rel=0.2)
     np.testing.assert_array_equal(hypothesis.signs, [np.nan] * 4 + [-1.0])
+
+
+def test_jacobian_of_a_rough_refit_is_exact():
+    effects = (ChargePump(torque=20.0), PistonLeakage())
+    observed = observe(campaign(effects, n=40, seed=6), 0.004)
+    hypothesis = Hypothesis(Transmission(BASE), effects)
+    start = refit(hypothesis, observed, rough=True)
+    moved = np.append(start.theta[:-1], 0.0)
+    rough = refit(hypothesis, observed, moved, start.jacobian, rough=True)
+    exact = linearise(hypothesis, observed, rough.theta, rough.noise)
+    np.testing.assert_array_equal(rough.jacobian, exact.jacobian)

@@ -20,11 +20,15 @@ from hmcvt_core.diagnosis.observations import (
     replicate_groups,
     scaled_to_extent,
 )
-from hmcvt_core.diagnosis.results.shrinkage import ExpectedGap, shrinkage
+from hmcvt_core.diagnosis.results.shrinkage import (
+    ExpectedGap,
+    shares_of_range,
+    shrinkage,
+)
 from hmcvt_core.diagnosis.settings import DRAWS
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import BASE, campaign, measure, random_points
+from .campaigns import BASE, campaign, factorial_points, fitted, measure, random_points
 
 
 def _observed(samples, prior_dof=1e8):
@@ -198,6 +202,29 @@ def test_noise_above_its_statement_is_gap():
     # Either way what 64 tests leave uncertain of the machine is not promised to go.
     assert right.shrinkage.after < 0.9 * stated.shrinkage.after
     assert right.shrinkage.fraction > stated.shrinkage.fraction
+
+
+def test_samples_at_the_edge_stand_for_a_smaller_part_of_the_range():
+    points = factorial_points()
+    shares = shares_of_range(fitted(measure(points)))
+    assert shares.sum() == pytest.approx(1.0)
+    is_corner = np.ones(len(shares), dtype=bool)
+    is_inner = np.ones(len(shares), dtype=bool)
+    for axis in points[:3]:
+        is_edge = (axis == axis.min()) | (axis == axis.max())
+        is_corner &= is_edge
+        is_inner &= ~is_edge
+    assert shares[is_corner].mean() < 0.5 * shares[is_inner].mean()
+
+
+def test_repeated_points_share_their_part_of_the_range():
+    points = random_points(3, 12)
+    repeated = type(points)(
+        *(None if axis is None else np.append(axis, axis[:1]) for axis in points)
+    )
+    shares = shares_of_range(fitted(measure(repeated)))
+    assert shares[0] == shares[-1]
+    assert shares.sum() == pytest.approx(1.0)
 
 
 def test_blocks_are_of_neighbours():

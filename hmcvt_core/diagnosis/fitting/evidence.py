@@ -197,14 +197,16 @@ def fitted_model(
         )
         of_prior = -0.5 * np.sum(log_variance**2) / AMPLITUDE_LOG_DEVIATION**2
         log_posterior = log_evidence + float(of_prior)
-        of_groups = spread[in_group]
+        # Coefficients of the groups in their prior deviations.
+        deviation = spread[in_group]
+        relative_mean = mean[in_group] / deviation
         relative = covariance[np.ix_(in_group, in_group)]
-        relative = relative / np.outer(of_groups, of_groups)
+        relative = relative / np.outer(deviation, deviation)
         effective = (1.0 - np.diagonal(relative)) @ members
         if abs(log_posterior - previous) < AMPLITUDE_TOLERANCE:
             break
         log_variance = log_variance + _log_variance_step(
-            log_variance, mean[in_group] / of_groups, relative, members
+            log_variance, relative_mean, relative, members
         )
     of_width = -0.5 * np.sum(
         np.log1p(0.5 * effective.clip(0.0) * AMPLITUDE_LOG_DEVIATION**2)
@@ -264,8 +266,6 @@ def _log_variance_step(
         covariance: the same, shape (k, k).
         members: 1 where a coefficient is in a group, else 0, shape (k, groups).
     """
-    from scipy.linalg import LinAlgError, solve
-
     prior_precision = AMPLITUDE_LOG_DEVIATION**-2.0
     squares = mean**2 @ members
     own = np.diagonal(covariance) @ members
@@ -275,9 +275,11 @@ def _log_variance_step(
     curvature = np.diag(0.5 * (squares + own) + prior_precision)
     curvature -= 0.5 * (members.T @ coupled @ members)
     try:
-        step = solve(curvature, slope, assume_a="pos")
-    except LinAlgError:
+        np.linalg.cholesky(curvature)
+    except np.linalg.LinAlgError:
         step = slope / (0.5 * squares + prior_precision)
+    else:
+        step = np.linalg.solve(curvature, slope)
     return np.asarray(step.clip(-AMPLITUDE_MOST_STEP, AMPLITUDE_MOST_STEP))
 
 
