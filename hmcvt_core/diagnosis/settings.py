@@ -25,9 +25,10 @@ Source: chosen; resolves a probability of a thousandth.
 """
 
 LEADING_SETS = 4
-"""Sets that are extended by one effect, compete with a discrepancy added, or are reported.
+"""Sets that are extended by one effect, refitted exactly, compete with a discrepancy, or reported.
 
-Source: chosen on development campaigns, for speed.
+Source: chosen on development campaigns, for speed. So many effects compete with the sign they
+cannot have, too.
 """
 
 FIXED_POINT_ROUNDS = 20
@@ -434,14 +435,14 @@ Source: chosen.
 
 # --- search ---------------------------------------------------------------------------------
 
-REFITTED_SETS = 6
-"""Sets refitted of each group of proposals.
+PROPOSALS = 6
+"""Proposals that are refitted of each group, and further forms that a screen adds to the best.
 
 Source: chosen on development campaigns, for speed.
 """
 
-PROPOSED_FORMS = 8
-"""Forms that the screen proposes for a set in addition to the best of each effect.
+EXCHANGES = 1
+"""Other forms, and other effects, that are tried in place of an effect.
 
 Source: chosen on development campaigns, for speed.
 """
@@ -456,24 +457,6 @@ EXCHANGED_SETS = 2
 """Leading sets whose effects are exchanged.
 
 Source: chosen on development campaigns, for speed.
-"""
-
-EXCHANGED_FORMS = 2
-"""Other forms that are tried in place of an effect.
-
-Source: chosen on development campaigns, for speed.
-"""
-
-EXCHANGED_EFFECTS = 1
-"""Other effects that are tried in place of an effect.
-
-Source: chosen on development campaigns, for speed.
-"""
-
-EXACT_REFIT_MARGIN = 6.0
-"""Log evidence behind the best from which a set is not refitted exactly.
-
-Source: development campaigns; free shapes bring hardly any set 4 nats nearer.
 """
 
 NEAR_BEST_PART = 0.7
@@ -518,12 +501,6 @@ PRIOR_BEND = 0.5
 """Prior probability that what the forms of a set miss looks like one of the other effects.
 
 Source: indifference.
-"""
-
-REVERSED_EFFECTS = 3
-"""Most effects that compete with the sign they cannot have.
-
-Source: limit of computing time.
 """
 
 RELEVANT_PROBABILITY = 0.01

@@ -32,7 +32,6 @@ from ..settings import (
     PRIOR_OF_SET_SIZE,
     PRIOR_UNLISTED,
     RELEVANT_PROBABILITY,
-    REVERSED_EFFECTS,
 )
 from ..system import Array, Points
 from .explanation import (
@@ -262,7 +261,7 @@ def _reversed_effects(base: Fit) -> tuple[list[Explanation], int]:
     """Return the best effects of reversed sign, and how many there are to choose from."""
     proposals = distinct(screen(base, base.signatures, reversed_sign=True))
     explanations = []
-    for proposal in proposals[:REVERSED_EFFECTS]:
+    for proposal in proposals[:LEADING_SETS]:
         if proposal.gain > 0.0:
             explanation = explain_exactly(proposal.refit(reversed_sign=True))
             log_form_prior = proposal.log_form_prior.all_forms

@@ -11,16 +11,13 @@ from collections.abc import Iterable, Sequence
 
 from ..fitting.refit import Fit, Signature, refit_without, with_free_shapes
 from ..settings import (
-    EXACT_REFIT_MARGIN,
     EXCHANGE_ROUNDS,
-    EXCHANGED_EFFECTS,
-    EXCHANGED_FORMS,
     EXCHANGED_SETS,
+    EXCHANGES,
     LEADING_SETS,
     NEAR_BEST_MARGIN,
     NEAR_BEST_PART,
-    PROPOSED_FORMS,
-    REFITTED_SETS,
+    PROPOSALS,
 )
 from ..system import Effect
 from .explanation import Explanation, explain
@@ -190,7 +187,7 @@ class _Search:
             if not {effect.name for effect in pair.effects}.intersection(leader):
                 log_form_prior = candidates.log_form_prior(pair.effects)
                 further.append(pair._replace(log_form_prior=log_form_prior))
-        candidates.refit(further[:REFITTED_SETS])
+        candidates.refit(further[:PROPOSALS])
 
     def extend(self, sets: Iterable[Names]) -> None:
         """Refit sets extended by one effect each."""
@@ -208,7 +205,7 @@ class _Search:
                         proposal._replace(gain=total, log_form_prior=prior)
                     )
         proposals.sort(key=lambda proposal: -proposal.gain)
-        self.candidates.refit(distinct(proposals)[: 2 * REFITTED_SETS])
+        self.candidates.refit(distinct(proposals)[: 2 * PROPOSALS])
 
     def _extensions(self, fit: Fit) -> list[Proposal]:
         """Return the best effects to add to a refit."""
@@ -216,8 +213,8 @@ class _Search:
         # Each effect in its best form, however little it gains, and the best further forms.
         of_effects = distinct(screened)
         forms = distinct([*of_effects, *screened], by_form=True)
-        kept = forms[: len(of_effects) + PROPOSED_FORMS]
-        return distinct(_with_signatures_at(fit, kept))[:REFITTED_SETS]
+        kept = forms[: len(of_effects) + PROPOSALS]
+        return distinct(_with_signatures_at(fit, kept))[:PROPOSALS]
 
     def exchange_effects(self, most: int) -> None:
         """Exchange the effects of the leading sets, and extend what results.
@@ -287,10 +284,10 @@ class _Search:
                 other_effects.append(proposal)
             elif added.form != effect.form:
                 other_forms.append(proposal)
-        forms = _with_signatures_at(rest, other_forms)[:EXCHANGED_FORMS]
-        exchanged = _with_signatures_at(rest, other_effects[:PROPOSED_FORMS])
+        forms = _with_signatures_at(rest, other_forms)[:EXCHANGES]
+        exchanged = _with_signatures_at(rest, other_effects[:PROPOSALS])
         refitted: list[tuple[Explanation, LogFormPrior]] = []
-        for proposal in (*forms, *exchanged[:EXCHANGED_EFFECTS]):
+        for proposal in (*forms, *exchanged[:EXCHANGES]):
             prior = proposal.log_form_prior.times(log_form_prior)
             refitted.append((explain(proposal.refit()), prior))
         if refitted:
@@ -300,13 +297,9 @@ class _Search:
             self.candidates.refit_with_free_shapes(explanation.fit, prior)
 
     def refit_leaders_exactly(self) -> None:
-        """Refit exactly the leading sets that matter."""
-        candidates = self.candidates
-        ranked = candidates.ranked()
-        least = candidates.log_evidence(ranked[0]) - EXACT_REFIT_MARGIN
-        for names in ranked[:LEADING_SETS]:
-            if candidates.log_evidence(names) > least:
-                candidates.refit_exactly(names)
+        """Refit the leading sets exactly."""
+        for names in self.candidates.ranked()[:LEADING_SETS]:
+            self.candidates.refit_exactly(names)
 
 
 # --- proposals ------------------------------------------------------------------------------
