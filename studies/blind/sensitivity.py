@@ -102,12 +102,19 @@ def changed(constant: str, factor: float) -> Iterator[None]:
 
 
 def run_trial(trial: Trial) -> Record:
-    """Diagnose one campaign with its constant changed."""
+    """Diagnose one campaign with its constant changed.
+
+    A probability of one half becomes 1, which no diagnosis has to stand: the record then has the
+    key `error`.
+    """
     record: Record = {"change": trial.name}
     if not trial.constant:
         return {**record, **judged(trial.case)}
     with changed(trial.constant, trial.factor):
-        return {**record, **judged(trial.case)}
+        try:
+            return {**record, **judged(trial.case)}
+        except ArithmeticError as error:
+            return {**record, "error": str(error)}
 
 
 def trials(constants: Sequence[str], todo: Sequence[Case]) -> list[Trial]:
