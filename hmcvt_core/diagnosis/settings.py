@@ -2,9 +2,10 @@
 """Every threshold, prior and count of the diagnosis, with its source.
 
 "Chosen on development campaigns" means simulated campaigns whose seeds the published blind trial
-does not use; `python -m studies.blind.sensitivity` halves and doubles any of these values. Parts
-are fractions; deviations are standard deviations of one reading; sizes are in typical sizes of an
-effect; log evidence is in nats. `docs/design-diagnosis.md` lists all of them.
+does not use; `python -m studies.blind.sensitivity` halves and doubles any of these values, and
+`docs/design-diagnosis.md` says what that changes, and lists all of them. Parts are fractions;
+deviations are standard deviations of one reading; sizes are in typical sizes of an effect; log
+evidence is in nats.
 """
 
 import math
