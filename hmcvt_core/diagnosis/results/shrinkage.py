@@ -91,6 +91,7 @@ class CrossValidation:
         self._assignments = fold_assignments(observed, analysis.seed)
         self._blocks = block_assignments(observed, analysis.seed)
         self._sessions = session_assignments(observed)
+        self._shares = shares_of_range(analysis.base)
         self._errors: dict[Explanation, Array] = {}
         self._shrinkage: dict[Explanation, ShrinkageSummary] = {}
 
@@ -136,7 +137,7 @@ class CrossValidation:
                 self.analysis.seed,
                 blocks=[*self._blocks, *self._sessions],
                 expected=self._expected(explanation),
-                shares=shares_of_range(self.analysis.base),
+                shares=self._shares,
             )
         return self._shrinkage[explanation]
 
