@@ -64,6 +64,9 @@ if not CORE_ONLY:
 BUSY = 3.0
 """Load of the machine from which an idle priority gets nothing in the time of a test."""
 
+RAISED: set[int] = set()
+"""Workers whose priority the tests have raised."""
+
 
 class Boost:
     """Lets the workers of nodes compute on a machine that is busy with something else.
@@ -98,6 +101,7 @@ class Boost:
     def _raise_children(self, pid: int) -> None:
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text()
         for child in map(int, children.split()):
+            RAISED.add(child)
             os.sched_setscheduler(child, os.SCHED_OTHER, os.sched_param(0))
             for task in Path(f"/proc/{child}/task").iterdir():
                 os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))

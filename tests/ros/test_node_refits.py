@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import BUSY
+from conftest import RAISED
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, message, points, send_table
 from std_msgs.msg import Float64, String
@@ -293,9 +293,8 @@ def test_worker_is_kept_and_replaced_when_it_dies(node, table2):
 
     assert works()
     worker = node.worker()
-    # The tests raise it on a busy machine, see conftest.
-    if os.getloadavg()[0] < BUSY:
-        assert os.sched_getscheduler(worker) == os.SCHED_IDLE
+    is_idle = os.sched_getscheduler(worker) == os.SCHED_IDLE
+    assert is_idle or worker in RAISED
     # Where memory runs out, the kernel ends the job and not the node.
     assert (
         oom_score(worker) == 1000
