@@ -98,7 +98,11 @@ class Observations:
     @property
     def coordinates(self) -> Array:
         """Values along the steered axes, shape (axes, n)."""
-        return np.stack([self.points[axis.name] for axis in self.steered])
+        return self.coordinates_of(self.points)
+
+    def coordinates_of(self, points: Points) -> Array:
+        """Return the values of any points along the steered axes, shape (axes, n)."""
+        return np.stack([points[axis.name] for axis in self.steered])
 
     @cached_property
     def smooth(self) -> SmoothFunctions:

@@ -24,7 +24,7 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.fleet.executors import Processes
 from studies.blind.bench.judge import Case
 from studies.blind.bench.properties import Bench
-from studies.blind.bench.scores import Record, as_wanted
+from studies.blind.bench.scores import Record, as_wanted, first_set
 from studies.blind.bench.study import cases, judged
 from studies.page import table
 from studies.workers import recorded
@@ -166,7 +166,7 @@ def _cells(pairs: Sequence[tuple[Record, Record]]) -> tuple[str, ...]:
     largest = 0.0
     for before, after in pairs:
         verdicts += before["verdict"] != after["verdict"]
-        first_sets += _first_set(before) != _first_set(after)
+        first_sets += first_set(before) != first_set(after)
         gained += as_wanted(after) and not as_wanted(before)
         lost += as_wanted(before) and not as_wanted(after)
         largest = max(largest, _change_of_probability(before, after))
@@ -181,10 +181,6 @@ def _cells(pairs: Sequence[tuple[Record, Record]]) -> tuple[str, ...]:
         f"{largest:.2f}",
         f"{ratio:.2f}",
     )
-
-
-def _first_set(record: Record) -> list[str]:
-    return record["classes"][0][0] if record["classes"] else []
 
 
 def _change_of_probability(before: Record, after: Record) -> float:

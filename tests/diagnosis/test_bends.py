@@ -11,12 +11,13 @@ from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results.analysis import Analysis
+from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
 from hmcvt_core.diagnosis.results.verdict import verdict_of
 from hmcvt_core.diagnosis.selection.explanation import explain, with_bends
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 
-from .campaigns import BASE, campaign, diagnosed, fitted
+from .campaigns import BASE, CASES, campaign, diagnosed, fitted
 
 
 def explained(effects, **bench):
@@ -65,11 +66,14 @@ def test_rare_readings_that_nothing_explains_are_no_gap():
 
 
 def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
-    found = diagnosed("charge pump without speed")
+    name = "charge pump without speed"
+    found = diagnosed(name)
     rmse = np.sqrt(np.mean(found.residuals**2))
     assert found.gap.rmse == pytest.approx(rmse)
     # A constant torque of 8 N m at these loads.
     assert rmse > 2.0 * found.delivered.rmse_after
+    shares = shares_of_range(fitted(campaign(seed=1, **CASES[name])))
+    over_the_range = np.sqrt(shares @ found.residuals**2)
     assert found.shrinkage.before == pytest.approx(
-        np.sqrt(rmse**2 - found.gap.noise**2), rel=0.25
+        np.sqrt(over_the_range**2 - found.gap.noise**2), rel=0.15
     )

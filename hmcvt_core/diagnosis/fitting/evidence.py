@@ -104,16 +104,14 @@ def model_evidence(
         covariance, log_determinant = _inverse_and_log_determinant(matrix)
         mean = ((weights @ cross) @ covariance)[:, 0]
         # Squared residuals, from the Gram matrices alone, and how many coefficients determine them.
-        outer = (mean[:, :, None] * mean[:, None, :]).reshape(-1, p * p, 1)
-        explained = flat_square @ outer
-        squares = total + (explained - 2.0 * cross @ mean[..., None])[..., 0]
+        change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
+        squares = total + (change @ mean[..., None])[..., 0]
         fitted = (flat_square @ covariance.reshape(-1, p * p, 1))[..., 0] / noise
         previous = noise
         noise = (prior_dof + squares) / (prior_dof + count - fitted)
         if (np.abs(noise / previous - 1.0) < NOISE_TOLERANCE).all():
             break
-    change = (square @ mean[:, None, :, None])[..., 0] - 2.0 * cross
-    residual = np.maximum(total + (change @ mean[..., None])[..., 0], 1e-12)
+    residual = np.maximum(squares, 1e-12)
     of_readings = np.sum(
         (count + prior_dof) * np.log(noise) + (prior_dof + residual) / noise, axis=1
     )

@@ -91,7 +91,6 @@ class CrossValidation:
         self._assignments = fold_assignments(observed, analysis.seed)
         self._blocks = block_assignments(observed, analysis.seed)
         self._sessions = session_assignments(observed)
-        self._shares = shares_of_range(analysis.base)
         self._errors: dict[Explanation, Array] = {}
         self._shrinkage: dict[Explanation, ShrinkageSummary] = {}
 
@@ -163,6 +162,11 @@ class CrossValidation:
             return self.analysis.noise
         return np.minimum(self.analysis.noise, observed.deviation[0])
 
+    @cached_property
+    def _shares(self) -> Array:
+        """What each sample counts, shape (n,)."""
+        return shares_of_range(self.analysis.base)
+
     def _expected(self, explanation: Explanation) -> ExpectedGap:
         """Return draws of the gap before and after an explanation is added."""
         observed = self.analysis.base.observed
@@ -216,7 +220,7 @@ def shares_of_range(base: Fit) -> Array:
 
     observed = base.observed
     tests = base.hypothesis.system.candidates(observed.points, base.base)
-    possible = base.observations_at(tests).coordinates
+    possible = observed.coordinates_of(tests)
     low = observed.coordinates.min(axis=1, keepdims=True)
     high = observed.coordinates.max(axis=1, keepdims=True)
     inside = ((possible >= low) & (possible <= high)).all(axis=0)

@@ -49,6 +49,11 @@ def among(record: Record, best: int) -> bool:
     )
 
 
+def first_set(record: Record) -> list[str]:
+    """Classes of the leading set; empty where there is none."""
+    return record["classes"][0][0] if record["classes"] else []
+
+
 def exact_first(record: Record) -> bool:
     """Whether the leading set is exactly the one hidden."""
     return named(record) and among(record, 1)
@@ -58,16 +63,14 @@ def class_first(record: Record) -> bool:
     """Whether the class hidden is in the leading set."""
     if not named(record) or not record["classes"]:
         return False
-    leading = record["classes"][0][0]
-    return set(record["true_classes"]) <= set(leading)
+    return set(record["true_classes"]) <= set(first_set(record))
 
 
 def false_member(record: Record) -> bool:
     """Whether a class that is not hidden is in the leading set."""
-    if not named(record) or not record["classes"]:
+    if not named(record):
         return False
-    leading = record["classes"][0][0]
-    return bool(set(leading) - set(record["true_classes"]))
+    return bool(set(first_set(record)) - set(record["true_classes"]))
 
 
 def among_three(record: Record) -> bool:
@@ -267,7 +270,7 @@ def unlisted_table(records: Sequence[Record]) -> str:
     rows = []
     for loss, of_loss in sorted(by_loss.items()):
         instead = Counter(
-            " + ".join(record["classes"][0][0]) for record in of_loss if named(record)
+            " + ".join(first_set(record)) for record in of_loss if named(record)
         )
         rows.append(
             (
