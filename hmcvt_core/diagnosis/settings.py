@@ -390,6 +390,12 @@ Source: chosen; an amplitude is known within a factor of two. Forms then span 0.
 deviations.
 """
 
+MOST_FAMILIES = 8
+"""Most families of functions in the discrepancies of one explanation.
+
+Source: limit of computing time; likely explanations have fewer.
+"""
+
 AMPLITUDE_TOLERANCE = 0.03
 """Change of the log evidence [nats] in a round at which the amplitudes have converged.
 

@@ -454,7 +454,7 @@ def test_reversed_sign_is_unlisted():
 
 @pytest.mark.long
 def test_next_test_and_stop():
-    few = campaign((PlanetaryMesh(0.03),), seed=1, n=8)
+    few = campaign((PlanetaryMesh(0.03),), seed=2, n=8)
     found = hmcvt.next_test(BASE, few, noise=NOISE)
     assert not found.stop and found.tests_expected >= 1
     plan = few.select(np.arange(3))
@@ -541,22 +541,22 @@ def test_the_simulated_bench_gives_these_numbers():
     found = hmcvt.diagnose(SHIPPED, SIMULATED)
     assert found.verdict == "ambiguous"
     assert found.gap.p_value == 0.003
-    assert found.gap.rmse == pytest.approx(0.009664, rel=2e-3)
+    assert found.gap.rmse == pytest.approx(0.009458, rel=2e-3)
     assert found.gap.noise == pytest.approx(0.0044948, rel=2e-3)
     probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx(
         {
-            ("bearing_drag",): 0.310,
-            ("charge_pump",): 0.305,
-            ("clutch_drag",): 0.103,
-            ("brake_drag",): 0.047,
+            ("bearing_drag",): 0.297,
+            ("charge_pump",): 0.294,
+            ("clutch_drag",): 0.098,
+            ("brake_drag",): 0.046,
         },
         abs=5e-3,
     )
-    assert found.unlisted == pytest.approx(0.162, abs=5e-3)
+    assert found.unlisted == pytest.approx(0.201, abs=5e-3)
     assert found.shrinkage.fraction == pytest.approx(0.9308, abs=2e-3)
-    assert found.shrinkage.interval == pytest.approx((-0.742, 0.994), abs=1e-2)
-    assert found.delivered.rmse_after == pytest.approx(0.004906, rel=5e-3)
+    assert found.shrinkage.interval == pytest.approx((-1.028, 0.994), abs=1e-2)
+    assert found.delivered.rmse_after == pytest.approx(0.004829, rel=5e-3)
     assert found.lost_power == pytest.approx(1679.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
     assert (entry["value"], *entry["interval"]) == pytest.approx(
@@ -569,4 +569,4 @@ def test_the_simulated_bench_gives_these_numbers():
         *first.limits["engine_speed"],
         first.mean_residual,
         first.samples,
-    ] == pytest.approx([80.804, 147.117, -0.015772, 17], rel=1e-3)
+    ] == pytest.approx([80.804, 147.117, -0.014969, 23], rel=1e-3)

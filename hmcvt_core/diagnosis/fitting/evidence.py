@@ -157,6 +157,7 @@ def fitted_model(
     target: Array,
     prior_spread: Array,
     group: NDArray[np.intp],
+    start: tuple[Array, Array] | None = None,
 ) -> LinearModel:
     r"""Return a linear model whose groups of coefficients have fitted amplitudes.
 
@@ -176,20 +177,32 @@ def fitted_model(
         target: shape (channels, n).
         prior_spread: prior standard deviations s, shape (p,).
         group: number of the group of each coefficient, -1 for none, shape (p,).
+        start: standard deviations of the coefficients, shape (p,), and noise, shape (channels,),
+            near the solution; None where nothing is known.
     """
     grams = gram(columns, target)
-    groups = int(group.max(initial=-1)) + 1
     in_group = group >= 0
-    members = np.equal.outer(group[in_group], np.arange(groups)).astype(np.float64)
-    # From small amplitudes the noise takes up the gap first, and keeps it.
-    log_variance = np.full(groups, AMPLITUDE_START * AMPLITUDE_LOG_DEVIATION)
+    numbers, first, index = np.unique(
+        group[in_group], return_index=True, return_inverse=True
+    )
+    groups = len(numbers)
+    members = np.equal.outer(index, np.arange(groups)).astype(np.float64)
     signs = np.full(len(prior_spread), np.nan)
-    noise = np.ones(len(grams))
+    if start is None:
+        # From small amplitudes the noise takes up the gap first, and keeps it.
+        log_variance = np.full(groups, AMPLITUDE_START * AMPLITUDE_LOG_DEVIATION)
+        noise = np.ones(len(grams))
+    else:
+        start_spread, noise = start
+        amplitude = (start_spread / prior_spread)[in_group][first]
+        log_variance = 2.0 * np.log(amplitude)
     log_posterior = -np.inf
     # One round of the noise for each of the amplitudes: both settle together.
     for _ in range(FIXED_POINT_ROUNDS):
         previous = log_posterior
-        spread = _with_amplitudes(prior_spread, group, log_variance)
+        spread = prior_spread.copy()
+        spread[in_group] *= np.exp(0.5 * log_variance[index])
+        noise_of_round = noise
         log_evidence, mean, covariance, noise = _single_evidence(
             grams, len(observed), spread, observed.prior_dof, noise
         )
@@ -217,19 +230,10 @@ def fitted_model(
         log_evidence=float(log_posterior + of_width),
         mean=mean,
         covariance=covariance,
-        noise=noise,
+        noise=noise_of_round,
         prior_spread=prior_spread,
         group=group,
     )
-
-
-def _with_amplitudes(
-    prior_spread: Array, group: NDArray[np.intp], log_variance: Array
-) -> Array:
-    """Return the standard deviations of all coefficients at the amplitudes of their groups."""
-    # The last entry serves the coefficients without a group, numbered -1.
-    amplitude = np.exp(0.5 * np.append(log_variance, 0.0))
-    return np.asarray(prior_spread * amplitude[group])
 
 
 def _single_evidence(

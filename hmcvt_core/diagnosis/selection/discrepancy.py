@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -35,12 +34,14 @@ class Discrepancy:
         channels: indices of the channels that have it.
         box: lower and upper limits of the coordinates, shape (2, axes); None for a smooth one.
         is_base: whether it is that of the base model rather than an unlisted cause.
+        families: numbers of the families of a smooth one that are present; None for all.
     """
 
     campaign: Observations
     channels: tuple[int, ...]
     box: Array | None = None
     is_base: bool = False
+    families: tuple[int, ...] | None = None
 
     def columns(self, points: Observations) -> Array:
         """Return the change of reading / deviation by each coefficient.
@@ -54,7 +55,10 @@ class Discrepancy:
         units = points.unit_discrepancy[list(self.channels)]
         # k: channel with the discrepancy, c: channel read, n: point, m: function.
         change = np.einsum("kcn,nm->cnkm", units, self.functions(points))
-        return np.asarray(change.reshape(*points.measured.shape, -1))
+        columns = change.reshape(*points.measured.shape, -1)
+        if self.families is not None:
+            columns = columns[..., np.isin(self.family, self.families)]
+        return np.asarray(columns)
 
     def functions(self, points: Observations) -> Array:
         """Return the functions that it is a sum of, shape (n, m)."""
@@ -68,35 +72,37 @@ class Discrepancy:
             return smooth.at_campaign
         return smooth.at(points.points)
 
-    def prior(self, scales: Sequence[float]) -> tuple[Array, NDArray[np.intp]]:
-        """Return the prior of the coefficients of a smooth discrepancy.
+    @property
+    def family(self) -> NDArray[np.intp]:
+        """Family of each coefficient of a smooth one with all families, shape (m,)."""
+        of_one_channel = self.campaign.smooth.family
+        families = int(of_one_channel.max()) + 1
+        of_channels = [of_one_channel + i * families for i in range(len(self.channels))]
+        return np.concatenate(of_channels)
 
-        The standard deviations are half of the scale, and halve with each degree above the first.
-        Over two axes their squares then sum to the square of the scale.
+    def prior(self, scales: Sequence[float]) -> Array:
+        """Return the prior standard deviations of a smooth discrepancy with all families.
+
+        They are half of the scale, and halve with each degree above the first. Over two axes their
+        squares then sum to the square of the scale.
 
         Args:
             scales: prior median of the discrepancy in each channel, in its unit or relative.
 
         Returns:
-            Standard deviations, and the family of functions in a channel to which each coefficient
-            belongs, shape (m,) each.
+            Shape (m,).
         """
         smooth = self.campaign.smooth
         part_of_scale = 0.5 * 2.0 ** -(smooth.degree - 1.0).clip(0.0)
-        spread = np.outer(scales, part_of_scale).ravel()
-        families = int(smooth.family.max()) + 1
-        group = [smooth.family + i * families for i in range(len(scales))]
-        return spread, np.concatenate(group)
+        return np.outer(scales, part_of_scale).ravel()
 
 
-def base_discrepancy(
-    observed: Observations,
-) -> tuple[Discrepancy, Array, NDArray[np.intp]]:
-    """Return the discrepancy of a base model in every channel, and its prior."""
+def base_discrepancy(observed: Observations) -> tuple[Discrepancy, Array]:
+    """Return the discrepancy of a base model in every channel, and its prior deviations."""
     channels = tuple(range(len(observed.channels)))
     discrepancy = Discrepancy(observed, channels, is_base=True)
     scales = [channel.misfit_spread for channel in observed.channels]
-    return discrepancy, *discrepancy.prior(scales)
+    return discrepancy, discrepancy.prior(scales)
 
 
 class Columns(NamedTuple):
@@ -105,7 +111,7 @@ class Columns(NamedTuple):
     Attributes:
         columns: shape (channels, n, p).
         spread: prior standard deviations, shape (p,).
-        group: number of the group with one amplitude, -1 for none, shape (p,).
+        group: number of the family that a column belongs to, -1 for none, shape (p,).
     """
 
     columns: Array
@@ -122,37 +128,31 @@ class Columns(NamedTuple):
             np.append(self.group, group),
         )
 
+    def of_families(self, families: Sequence[int]) -> Columns:
+        """Return the columns without a family, and those of some families."""
+        return self.where((self.group < 0) | np.isin(self.group, families))
 
-class Exact(Enum):
-    """What of an explanation is exact to the noise, and so has no allowance."""
-
-    NOTHING = 0
-    BASE = 1
-    BASE_AND_FORMS = 2
+    def where(self, kept: NDArray[np.bool_]) -> Columns:
+        """Return some of the columns."""
+        return Columns(self.columns[..., kept], self.spread[kept], self.group[kept])
 
 
-def allowed_columns(
-    fit: Fit, campaign: Observations, sizes: Array | float, exact: Exact
-) -> Columns:
+def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> Columns:
     """Return the columns of a refit with allowances for an inexact base and inexact forms.
 
     Args:
         fit: a refit.
         campaign: whose extent scales the smooth functions.
         sizes: prior standard deviations of the sizes, in typical sizes.
-        exact: what has no allowance.
 
     Returns:
         Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect.
     """
     ungrouped = np.full(len(fit.theta), -1)
     columns = Columns(fit.jacobian, fit.hypothesis.spread(sizes), ungrouped)
-    if exact is Exact.BASE_AND_FORMS:
-        return columns
-    base, spread, group = base_discrepancy(campaign)
-    if exact is Exact.NOTHING:
-        of_base = Columns(base.columns(fit.observed), spread, group)
-        columns = columns.with_further(of_base)
+    base, spread = base_discrepancy(campaign)
+    of_base = Columns(base.columns(fit.observed), spread, base.family)
+    columns = columns.with_further(of_base)
     smooth = campaign.smooth
     # A constant factor on a signature is its size.
     most = SMOOTH_DEGREE

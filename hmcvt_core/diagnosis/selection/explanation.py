@@ -36,13 +36,8 @@ from ..settings import (
     SIZE_SPREADS,
 )
 from ..system import Array
-from .discrepancy import (
-    Columns,
-    Discrepancy,
-    Exact,
-    allowed_columns,
-    base_discrepancy,
-)
+from .discrepancy import Columns, Discrepancy, allowed_columns, base_discrepancy
+from .families import select_families
 from .prediction import Prediction
 
 
@@ -53,13 +48,13 @@ class Explanation:
     Attributes:
         fit: the refit near which it is linear.
         model: the linear model with its most likely allowances, at the widest prior of its sizes.
-            Coefficients in order: theta, base discrepancy, form discrepancies, each unless
-            `exact`, `discrepancy`.
+            Coefficients in order: theta, `families` of the base discrepancy and of the form
+            discrepancies, `discrepancy`.
         plain_model: without allowances, at the most likely prior of its sizes. Coefficients in
             order: theta, `discrepancy`.
-        log_evidence: averaged over the prior scales, and over what is exact [nats].
+        log_evidence: averaged over the prior scales, and over the families of allowances [nats].
         discrepancy: a discrepancy in addition to the effects, or None.
-        exact: what is likeliest to be exact.
+        families: numbers of the families of `allowed_columns` that are likeliest to be present.
         bend: name of the effect that is no cause but a bend of the forms of the others; empty for
             none.
     """
@@ -69,7 +64,7 @@ class Explanation:
     plain_model: LinearModel
     log_evidence: float
     discrepancy: Discrepancy | None = None
-    exact: Exact = Exact.NOTHING
+    families: tuple[int, ...] = ()
     bend: str = ""
 
     @cached_property
@@ -128,10 +123,8 @@ class Explanation:
         theta_count = len(self.fit.theta)
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
-        observed = self.fit.observed
-        bends_begin = theta_count
-        if self.exact is Exact.NOTHING:
-            bends_begin += len(observed.channels) * len(observed.smooth.powers)
+        of_base, _ = base_discrepancy(self.fit.observed)
+        bends_begin = theta_count + np.isin(of_base.family, self.families).sum()
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
@@ -165,7 +158,8 @@ class Explanation:
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
         if with_allowances and self.names:
-            columns = allowed_columns(at_points, fit.observed, 1.0, self.exact).columns
+            allowed = allowed_columns(at_points, fit.observed, 1.0)
+            columns = allowed.of_families(self.families).columns
         # The prediction is of the machine: errors of meters are no part of it.
         columns = columns.copy()
         columns[..., fit.hypothesis.shared] = 0.0
@@ -197,36 +191,35 @@ def explain_by_base(base: Fit) -> Explanation:
 def explain(fit: Fit) -> Explanation:
     """Return the explanation of a refitted set of effects, with its allowances.
 
-    Its evidence is the mean over the prior scales of the sizes, and over what is exact.
+    Its evidence is the mean over the prior scales of the sizes, and over the families of the
+    allowances.
     """
     observed = fit.observed
-    sizes = fit.hypothesis.size_indices
     signs = fit.hypothesis.signs
-    scales = np.array(list(itertools.product(SIZE_SPREADS, repeat=len(sizes))))
-    models = []
-    rows = []
-    for exact in Exact:
-        allowed = allowed_columns(fit, observed, max(SIZE_SPREADS), exact)
-        # The moment prior enters with the scale of the sizes, below.
-        model = fitted_model(
-            observed, allowed.columns, fit.target, allowed.spread, allowed.group
-        )
-        change = _change_of_size_priors(model, sizes, scales, signs[sizes])
-        models.append(model)
-        rows.append(model.log_evidence + change)
-    log_evidence = np.array(rows)
-    best, best_scale = np.unravel_index(int(log_evidence.argmax()), log_evidence.shape)
-    plain_spread = fit.hypothesis.spread(scales[best_scale])
+    sizes = fit.hypothesis.size_indices
+    allowed = allowed_columns(fit, observed, max(SIZE_SPREADS))
+    optional = np.unique(allowed.group[allowed.group >= 0])
+    selection = select_families(observed, allowed, fit.target, optional)
+    # The moment prior enters with the scale of the sizes.
+    scales = _size_scales(fit)
+    changes = _change_of_size_priors(selection.model, sizes, scales, signs[sizes])
+    plain_spread = fit.hypothesis.spread(scales[int(changes.argmax())])
     (plain_model,) = linear_models(
         observed, fit.jacobian, fit.target, plain_spread[None], signs
     )
     return Explanation(
         fit,
-        models[best],
+        selection.model,
         plain_model,
-        float(log_mean(log_evidence.ravel())),
-        exact=Exact(best),
+        selection.log_evidence + float(log_mean(changes)),
+        families=selection.families,
     )
+
+
+def _size_scales(fit: Fit) -> Array:
+    """Return the prior scales of the sizes in every combination, shape (m, sizes)."""
+    count = len(fit.hypothesis.size_indices)
+    return np.array(list(itertools.product(SIZE_SPREADS, repeat=count)))
 
 
 def _change_of_size_priors(
@@ -303,16 +296,18 @@ def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> 
     """
     hypothesis = explanation.fit.hypothesis
     sizes = hypothesis.size_indices
-    scales: list[tuple[float, ...]] = [SIZE_SPREADS] * len(sizes)
-    scales[bend] = tuple(part * ratio for part in FORM_ALLOWANCES)
-    signs = hypothesis.signs[sizes].copy()
-    signs[bend] = np.nan
     model = explanation.model
-    changes = _change_of_size_priors(
-        model, sizes, np.array(list(itertools.product(*scales))), signs
+    signs = hypothesis.signs[sizes]
+    scales = _size_scales(explanation.fit)
+    of_cause = log_mean(_change_of_size_priors(model, sizes, scales, signs))
+    signs_with_bend = np.where(np.arange(len(sizes)) == bend, np.nan, signs)
+    choices: list[tuple[float, ...]] = [SIZE_SPREADS] * len(sizes)
+    choices[bend] = tuple(part * ratio for part in FORM_ALLOWANCES)
+    scales_with_bend = np.array(list(itertools.product(*choices)))
+    of_bend = log_mean(
+        _change_of_size_priors(model, sizes, scales_with_bend, signs_with_bend)
     )
-    # As in `explain`, the mean over what is exact, of which one matters.
-    return float(model.log_evidence + log_mean(changes) - np.log(len(Exact)))
+    return explanation.log_evidence + float(of_bend - of_cause)
 
 
 def explain_exactly(fit: Fit) -> Explanation:
@@ -335,37 +330,46 @@ def with_smooth_discrepancy(
         scales: prior median in each of its channels.
     """
     observed = explanation.fit.observed
-    spread, group = discrepancy.prior(scales)
-    further = Columns(discrepancy.columns(observed), spread, group)
-    extended = []
-    for model in (explanation.model, explanation.plain_model):
-        ungrouped = np.full(len(model.spread), -1)
-        known = Columns(
-            model.columns,
-            model.spread if model.prior_spread is None else model.prior_spread,
-            ungrouped if model.group is None else model.group,
-        )
-        columns, prior_spread, groups = known.with_further(further)
-        fitted = fitted_model(observed, columns, model.target, prior_spread, groups)
-        no_signs = np.full(len(spread), np.nan)
-        extended.append(replace(fitted, signs=np.append(model.signs, no_signs)))
-    # What the prior of the sizes changes, it changes here too.
-    of_sizes = explanation.log_evidence - explanation.model.log_evidence
-    log_evidence = extended[0].log_evidence + of_sizes
-    model, plain_model = extended
+    target = explanation.model.target
+    further = Columns(
+        discrepancy.columns(observed), discrepancy.prior(scales), discrepancy.family
+    )
+    known = _columns_of(explanation.model)
+    columns = known.with_further(further)
+    optional = np.unique(columns.group[len(known.group) :])
+    selection = select_families(observed, columns, target, optional, least=1)
+    is_present = np.isin(optional, selection.families)
+    present = tuple(np.unique(further.group)[is_present].tolist())
+
+    plain_model = explanation.plain_model
+    of_present = further.of_families(present)
+    plain = _columns_of(plain_model).with_further(of_present)
+    extended_plain_model = replace(
+        fitted_model(observed, plain.columns, target, plain.spread, plain.group),
+        signs=np.append(plain_model.signs, np.full(len(of_present.spread), np.nan)),
+    )
+    # What the priors of sizes and allowances change, they change here too.
+    of_priors = explanation.log_evidence - explanation.model.log_evidence
     return replace(
         explanation,
-        model=model,
-        plain_model=plain_model,
-        log_evidence=log_evidence,
-        discrepancy=discrepancy,
+        model=selection.model,
+        plain_model=extended_plain_model,
+        log_evidence=selection.log_evidence + of_priors,
+        discrepancy=replace(discrepancy, families=present),
     )
+
+
+def _columns_of(model: LinearModel) -> Columns:
+    """Return the columns of a linear model, with amplitudes that are not fitted yet."""
+    if model.prior_spread is None or model.group is None:
+        return Columns(model.columns, model.spread, np.full(len(model.spread), -1))
+    return Columns(model.columns, model.prior_spread, model.group)
 
 
 def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
     """Return the explanation of a base model that is a little off and nothing else."""
     observed = base_only.fit.observed
-    discrepancy, _, _ = base_discrepancy(observed)
+    discrepancy, _ = base_discrepancy(observed)
     scales = [channel.misfit_spread for channel in observed.channels]
     return with_smooth_discrepancy(base_only, discrepancy, scales)
 

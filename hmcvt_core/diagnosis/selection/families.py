@@ -1,0 +1,194 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""Which families of a discrepancy are present.
+
+A discrepancy is a sum of families of functions: those of one axis, and products of several axes.
+An inexact base or form needs few of them, and an exact one none. Every subset S of k of the m
+families is therefore a model of its own, with the prior under which the readings tell how many
+families are present (Scott & Berger 2010, Ann. Stat. 38, 2587):
+
+.. math:: p(S) = \frac{1}{m + 1} \binom{m}{k}^{-1}
+
+From none on, the likeliest family is added until the posterior falls (forward selection). The
+evidence is the sum over all subsets that were looked at.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.evidence import LinearModel, fitted_model, gram, log_mean
+from ..observations import Observations
+from ..settings import AMPLITUDE_LOG_DEVIATION, MOST_FAMILIES
+from ..system import Array
+from .discrepancy import Columns
+
+_AMPLITUDES = np.exp(0.5 * AMPLITUDE_LOG_DEVIATION * np.array([-1.0, 0.0, 1.0]))
+"""Amplitudes of a family that is looked at: the prior median and a deviation to either side."""
+
+
+class Selection(NamedTuple):
+    """Outcome of a selection of families.
+
+    Attributes:
+        model: with the likeliest families.
+        families: their numbers, ascending.
+        log_evidence: over all subsets that were looked at [nats].
+    """
+
+    model: LinearModel
+    families: tuple[int, ...]
+    log_evidence: float
+
+
+def select_families(
+    observed: Observations,
+    columns: Columns,
+    target: Array,
+    optional: NDArray[np.intp],
+    least: int = 0,
+) -> Selection:
+    """Select the families of columns that are present.
+
+    Args:
+        observed: the readings.
+        columns: of the model with all families.
+        target: what the coefficients reproduce, shape (channels, n).
+        optional: numbers of the families that may be absent, at least one.
+        least: how many of these are present at least, 0 or 1.
+    """
+    log_priors = log_prior_of_subset(len(optional), least)
+    gains = _Gains(columns, target, optional)
+    is_present = ~np.isin(columns.group, optional)
+    model = _fitted(observed, columns.where(is_present), target)
+    log_posterior = model.log_evidence + log_priors[0]
+    log_posteriors = [log_posterior]
+    for log_prior in log_priors[1 : MOST_FAMILIES + 1]:
+        absent = np.setdiff1d(optional, columns.group[is_present])
+        by_amplitude = gains.of(absent, model, is_present)
+        gain = log_mean(by_amplitude)
+        likeliest = int(gain.argmax())
+        others = np.delete(gain, likeliest)
+        log_posteriors.extend(model.log_evidence + others + log_prior)
+
+        is_added = columns.group == absent[likeliest]
+        start = columns.spread * _AMPLITUDES[by_amplitude[:, likeliest].argmax()]
+        start[is_present] = model.spread
+        is_extended = is_present | is_added
+        extended = _fitted(
+            observed,
+            columns.where(is_extended),
+            target,
+            (start[is_extended], model.noise),
+        )
+        log_posterior_extended = extended.log_evidence + log_prior
+        log_posteriors.append(log_posterior_extended)
+        if log_posterior_extended < log_posterior:
+            break
+        model = extended
+        is_present = is_extended
+        log_posterior = log_posterior_extended
+    families = np.intersect1d(optional, columns.group[is_present])
+    log_evidence = float(np.logaddexp.reduce(log_posteriors))
+    return Selection(model, tuple(families.tolist()), log_evidence)
+
+
+def log_prior_of_subset(families: int, least: int = 0) -> Array:
+    """Return the log prior of one subset of each size, from no family to all of them.
+
+    Args:
+        families: how many there are.
+        least: how many of these are present at least.
+
+    Returns:
+        Shape (families + 1,).
+    """
+    from scipy.special import gammaln
+
+    size = np.arange(families + 1)
+    log_subsets = (
+        gammaln(families + 1) - gammaln(size + 1) - gammaln(families - size + 1)
+    )
+    log_prior = -log_subsets - np.log(families + 1 - least)
+    return np.where(size < least, -np.inf, log_prior)
+
+
+def _fitted(
+    observed: Observations,
+    columns: Columns,
+    target: Array,
+    start: tuple[Array, Array] | None = None,
+) -> LinearModel:
+    """Return `fitted_model` of columns."""
+    return fitted_model(
+        observed, columns.columns, target, columns.spread, columns.group, start
+    )
+
+
+class _Gains:
+    """Gains in log evidence by single families, from one Gram matrix of all columns.
+
+    Attributes:
+        grams: of the columns in their prior deviations, a column of zeros, and the target, by
+            channel.
+        spread: the prior deviations.
+        members: columns of each family, filled up with the column of zeros.
+    """
+
+    def __init__(
+        self, columns: Columns, target: Array, families: NDArray[np.intp]
+    ) -> None:
+        scaled = columns.columns * columns.spread
+        zeros = np.zeros((*target.shape, 1))
+        self.grams = gram(np.concatenate([scaled, zeros], axis=-1), target)
+        self.spread = columns.spread
+        by_family = {
+            int(family): np.flatnonzero(columns.group == family) for family in families
+        }
+        most = max(len(members) for members in by_family.values())
+        self.members = {}
+        for family, members in by_family.items():
+            fill = np.full(most - len(members), len(columns.spread))
+            self.members[family] = np.append(members, fill)
+
+    def of(
+        self,
+        families: NDArray[np.intp],
+        model: LinearModel,
+        is_present: NDArray[np.bool_],
+    ) -> Array:
+        r"""Return the gain by each family, at the noise of the model without it.
+
+        With the columns U of the family, P the projection that the model leaves, r its residuals,
+        all in units of the noise, and the prior covariance :math:`v S^2`:
+
+        .. math:: \log B = \tfrac12 r^TU (U^TPU + (v S^2)^{-1})^{-1} U^Tr
+                  - \tfrac12 \log|I + v S\,U^TPU\,S|
+
+        Args:
+            families: numbers of the families.
+            model: without them.
+            is_present: which columns the model has.
+
+        Returns:
+            Shape (3, families), at each of the amplitudes that are looked at.
+        """
+        weighted = np.sum(self.grams / model.noise[:, None, None], axis=0)
+        members = np.stack([self.members[int(family)] for family in families])
+        with_model = weighted[np.flatnonzero(is_present)]
+        with_model = with_model / self.spread[is_present, None]
+        absorbed = model.covariance @ with_model
+        pull = weighted[-1] - model.mean @ with_model
+        # f: family, k and l: its columns, p: column of the model.
+        information = weighted[members[:, :, None], members[:, None, :]]
+        information -= np.einsum(
+            "pfk,pfl->fkl", with_model[:, members], absorbed[:, members]
+        )
+        values, vectors = np.linalg.eigh(information)
+        squares = np.einsum("fk,fkl->fl", pull[members], vectors) ** 2
+        variance = np.square(_AMPLITUDES)[:, None, None]
+        ratios = variance * values.clip(0.0)
+        signal = variance * squares / (1.0 + ratios)
+        return np.asarray(0.5 * np.sum(signal - np.log1p(ratios), axis=-1))
