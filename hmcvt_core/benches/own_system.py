@@ -44,6 +44,7 @@ class SystemEffect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
+    varied: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def parameters(cls) -> tuple[EffectParameter, ...]:

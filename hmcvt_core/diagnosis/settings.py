@@ -428,10 +428,10 @@ EXTRA_DISCREPANCY_PART = (0.06, 0.2)
 Source: the square of the largest form allowance, once and with a factor of nearly two along it.
 """
 
-MISSED_PART = (0.25, 0.75)
-"""Parts of the squared change that a set misses by itself: due to its forms up to, most of it from.
+MISSED_PART = (0.19, 0.38)
+"""Parts of the squared change that a set misses by itself: due to its forms up to, a cause from.
 
-Source: the largest form allowance along three axes makes 0.19; three quarters is nearly all.
+Source: the square of the largest form allowance along three axes, once and twice.
 """
 
 EXPLAINED_BY_SET = (1.0, 0.01)

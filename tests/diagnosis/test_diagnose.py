@@ -546,14 +546,14 @@ def test_the_simulated_bench_gives_these_numbers():
     probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx(
         {
-            ("bearing_drag",): 0.297,
-            ("charge_pump",): 0.294,
-            ("clutch_drag",): 0.098,
-            ("brake_drag",): 0.046,
+            ("bearing_drag",): 0.292,
+            ("charge_pump",): 0.289,
+            ("clutch_drag",): 0.097,
+            ("brake_drag",): 0.045,
         },
         abs=5e-3,
     )
-    assert found.unlisted == pytest.approx(0.201, abs=5e-3)
+    assert found.unlisted == pytest.approx(0.215, abs=5e-3)
     assert found.shrinkage.fraction == pytest.approx(0.9308, abs=2e-3)
     assert found.shrinkage.interval == pytest.approx((-1.028, 0.994), abs=1e-2)
     assert found.delivered.rmse_after == pytest.approx(0.004829, rel=5e-3)

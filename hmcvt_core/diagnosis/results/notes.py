@@ -24,9 +24,12 @@ def noise_notes(analysis: Analysis) -> tuple[str, ...]:
     if lowest < ratio < highest:
         return ()
     if not observed.assumed:
+        advice = "check the statement"
+        if ratio > 1.0:
+            advice += ", or look for a loss that varies with what was not recorded"
         return (
             f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
-            "check the statement",
+            f"{advice}",
         )
     usual = channel.deviation(observed.measured[0])
     if np.ptp(observed.deviation[0] / usual) > ROUNDING:

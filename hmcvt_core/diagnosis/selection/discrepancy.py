@@ -146,7 +146,8 @@ def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> C
         sizes: prior standard deviations of the sizes, in typical sizes.
 
     Returns:
-        Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect.
+        Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect
+        and of the base parameters that an effect lets vary.
     """
     ungrouped = np.full(len(fit.theta), -1)
     columns = Columns(fit.jacobian, fit.hypothesis.spread(sizes), ungrouped)
@@ -163,7 +164,18 @@ def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> C
     family = smooth.family[is_bend]
     # All bends of a family together have the variance of the allowance.
     spread = FORM_ALLOWANCE / np.sqrt(np.bincount(family)[family])
-    for i in fit.hypothesis.size_indices:
+    for i in _bent_parameters(fit):
         signature = fit.jacobian[..., [i]] * fit.theta[i]
         columns = columns.with_further(Columns(signature * bends, spread, family - 1))
     return columns
+
+
+def _bent_parameters(fit: Fit) -> list[int]:
+    """Return the indices of the parameters that a smooth factor may multiply, point by point.
+
+    They are the size of each effect, and the base parameters that an effect lets vary.
+    """
+    names = fit.hypothesis.system.base.names
+    varied = {name for effect in fit.hypothesis.effects for name in effect.varied}
+    bent = fit.hypothesis.size_indices.tolist()
+    return bent + [i for i, name in enumerate(names) if name in varied]

@@ -32,6 +32,8 @@ from ..settings import (
     LEAST_BEND_MATCH,
     MISSED_PART,
     NO_ANSWER,
+    PRIOR_DOF_ASSUMED,
+    PRIOR_UNLISTED,
     ROUNDING,
     SIZE_SPREADS,
 )
@@ -99,7 +101,8 @@ class Explanation:
 
         Two parts of the squared change from the base model reduce it: what an extra discrepancy
         makes, and what the set misses while its forms do not bend. Up to a limit either is due to
-        inexact forms.
+        inexact forms. Noise above its statement reduces it by the probability of an unlisted loss
+        that scatters.
 
         Args:
             base_only: the base model alone.
@@ -109,7 +112,28 @@ class Explanation:
         extra_part, missed_part = self._parts_not_explained(base_only)
         without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
         by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
-        return float(without_extra * by_forms)
+        return float(without_extra * by_forms / (1.0 + self.odds_of_scatter))
+
+    @cached_property
+    def odds_of_scatter(self) -> float:
+        """Odds of an unlisted loss that scatters against a noise that is understated.
+
+        What varies along no recorded axis shows as noise, whose variance has then the prior of one
+        that nobody stated.
+        """
+        from scipy.stats import invgamma
+
+        prior_dof = self.fit.observed.prior_dof
+        noise = np.maximum(self.model.noise, 1.0)
+
+        def log_density(degrees_of_freedom: Array) -> Array:
+            half = 0.5 * degrees_of_freedom
+            return np.asarray(invgamma.logpdf(noise, half, scale=half))
+
+        assumed = np.full(len(noise), PRIOR_DOF_ASSUMED)
+        ratio = np.exp(log_density(assumed) - log_density(prior_dof))
+        is_stated = prior_dof > PRIOR_DOF_ASSUMED
+        return float(PRIOR_UNLISTED * np.mean(np.where(is_stated, ratio, 0.0)))
 
     def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the parts of the squared change by an extra discrepancy, and that the set misses.

@@ -182,6 +182,7 @@ class Effect:
         change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
             known; it is then no candidate.
+        varied: base parameters that differ from point to point, by a little, where it acts.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
@@ -196,6 +197,7 @@ class Effect:
     unit_only: ClassVar[bool] = False
     change_only: ClassVar[bool] = False
     needs_oil_temperature: ClassVar[bool] = False
+    varied: ClassVar[tuple[str, ...]] = ()
 
     part: str = field(default="", kw_only=True)
 

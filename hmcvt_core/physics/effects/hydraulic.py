@@ -502,6 +502,8 @@ class OilTemperature(Effect):
     """mu / mu_60 = (Walther ratio of VG 46)^strength; 1 is such an oil, 0 no dependence.
 
     Damping follows mu in full films (Petroff), with 2/3 of its power in rolling ones (Palmgren).
+    Films are warmer than the tank by what is lost around them (Shang & Ivantysynova 2015, Int. J.
+    Fluid Power 16, 35), so that damping varies from point to point in addition.
     """
 
     name = "oil_temperature"
@@ -509,6 +511,7 @@ class OilTemperature(Effect):
     summary = "oil temperature changes viscosity: hot oil leaks more and damps less"
     source = "Walther / ASTM D341; Petroff 1883; Palmgren M0 ~ (nu n)^(2/3)"
     remedy = "log the oil temperature and sweep it"
+    varied = ("motor_damping", "pump_damping", "damping")
 
     strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of an ISO VG 46 oil")
     film_exponent: float = shape("-", (0.67, 1.0), "power of viscosity in the damping")

@@ -1,0 +1,80 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Noise above its statement, and a loss that scatters because its cause is not recorded."""
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.benches.transmission import Transmission
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.selection.explanation import explain
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_core.physics.effects.mechanical import ChargePump
+
+from .campaigns import BASE, NOISE, campaign, fitted
+
+
+def _with_a_pump(stated, noise=NOISE):
+    samples = campaign((ChargePump(40.0),), seed=3, noise=noise)
+    return hmcvt.diagnose(BASE, samples, noise=stated)
+
+
+def test_a_set_that_leaves_far_more_than_the_stated_noise_is_not_all_of_it():
+    as_stated = _with_a_pump(NOISE)
+    above = _with_a_pump(NOISE / 4.0)
+    assert as_stated.unlisted < 0.1
+    assert above.unlisted > 0.5
+    assert above.verdict == "unexplained"
+    assert any("not recorded" in note for note in above.notes)
+    assert not any("not recorded" in note for note in as_stated.notes)
+
+
+@pytest.mark.parametrize("part", [0.3, 0.8, 1.25])
+def test_noise_near_or_below_its_statement_blames_nothing(part):
+    assert _with_a_pump(NOISE / part).unlisted < 0.1
+
+
+def test_noise_that_nobody_stated_blames_nothing():
+    samples = campaign((ChargePump(40.0),), seed=3, noise=4.0 * NOISE)
+    odds = []
+    for noise in (NOISE, None):
+        observed = fitted(samples, noise).observed
+        hypothesis = Hypothesis(Transmission(BASE), (ChargePump(40.0),))
+        odds.append(explain(refit(hypothesis, observed)).odds_of_scatter)
+    assert odds[0] > 1.0
+    assert odds[1] == 0.0
+
+
+def test_a_loss_by_an_unrecorded_temperature_is_told():
+    """A fan that a thermostat turns on while the campaign has no oil temperature."""
+    rng = np.random.default_rng(5)
+
+    def fan(points):
+        is_on = rng.uniform(size=points.engine_speed.shape) < 0.7
+        return (
+            0.05
+            * is_on
+            * (points.engine_speed / 150.0) ** 2
+            * 200.0
+            / points.load_torque
+        )
+
+    found = hmcvt.diagnose(BASE, campaign(seed=4, loss=fan), noise=NOISE)
+    assert found.causes == ()
+    assert any("not recorded" in note for note in found.notes)
+
+
+def test_films_warmer_than_the_tank_are_no_further_cause():
+    """Damping that falls where much is lost: films follow the loss, a column only the tank."""
+
+    class WarmFilms(OilTemperature):
+        def pump_drag(self, state):
+            rise = 10.0 * state.load_power / 5e4
+            softer = np.exp(-0.04 * self.strength * rise) - 1.0
+            film = self.film_viscosity_ratio(state.oil_temperature)
+            return BASE.parameters.pump_damping * film * softer * state.pump_speed
+
+    samples = campaign((WarmFilms(1.0),), seed=6, temperature=True)
+    found = hmcvt.diagnose(BASE, samples, noise=NOISE)
+    assert found.sets[0].effects == ("oil_temperature",)
