@@ -150,7 +150,7 @@ def test_second_effect_next_to_a_large_one(other, stroke, exponent, noise, seed,
     found = hmcvt.diagnose(BASE, samples, noise=noise)
     assert set(found.sets[0].effects) == {other.name, "stroke_leakage"}
     # The rest: what the form of the larger leak misses may look like the smaller one.
-    assert found.sets[0].probability > 0.75
+    assert found.sets[0].probability > 0.7
 
 
 def test_substitute_for_one_of_two():
