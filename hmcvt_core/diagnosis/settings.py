@@ -391,9 +391,9 @@ deviations.
 """
 
 MOST_FAMILIES = 8
-"""Most families of functions in the discrepancies of one explanation.
+"""Most families of functions that one selection adds.
 
-Source: limit of computing time; likely explanations have fewer.
+Source: limit of computing time.
 """
 
 AMPLITUDE_TOLERANCE = 0.03

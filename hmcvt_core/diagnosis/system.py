@@ -130,8 +130,8 @@ class Effect(Protocol):
     `hmcvt_core.physics.effects` documents each member. `parameters` and `sizes` return objects
     with `name`, `unit`, `meaning`, `typical`, `low`, `high`, `grid` (the values tried of a shape,
     empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
-    Of several sizes the first is fitted. `varied` names base parameters, linear in their scaled
-    variables, that differ from point to point where the effect acts.
+    Of several sizes the first is fitted. An attribute `varied` may name base parameters, in
+    proportion to their scaled variables, that differ from point to point where the effect acts.
     """
 
     name: ClassVar[str]
@@ -140,7 +140,6 @@ class Effect(Protocol):
     summary: ClassVar[str]
     source: ClassVar[str]
     remedy: ClassVar[str]
-    varied: ClassVar[tuple[str, ...]]
 
     def parameters(self) -> Sequence[Any]:
         """Return the declared parameters."""

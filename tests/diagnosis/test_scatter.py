@@ -8,11 +8,11 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
-from hmcvt_core.diagnosis.selection.explanation import explain
+from hmcvt_core.diagnosis.selection.explanation import explain, scattered
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import BASE, NOISE, campaign, fitted
+from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
 
 
 def _with_a_pump(stated, noise=NOISE):
@@ -35,18 +35,46 @@ def test_noise_near_or_below_its_statement_blames_nothing(part):
     assert _with_a_pump(NOISE / part).unlisted < 0.1
 
 
-def test_noise_that_nobody_stated_blames_nothing():
-    samples = campaign((ChargePump(40.0),), seed=3, noise=4.0 * NOISE)
+def _log_odds_of_scatter(samples, noise):
+    """Of a loss that scatters against a noise that is understated; None where none is stated."""
+    observed = fitted(samples, noise).observed
+    hypothesis = Hypothesis(Transmission(BASE), (ChargePump(40.0),))
+    explanation = explain(refit(hypothesis, observed))
+    for extended in scattered(explanation):
+        assert extended.explained_fraction(explanation) == 0.0
+        return extended.log_evidence - explanation.log_evidence
+    return None
+
+
+@pytest.mark.parametrize("n", [10, 96])
+def test_noise_that_nobody_stated_blames_nothing(n):
+    samples = campaign((ChargePump(40.0),), seed=3, n=n, noise=4.0 * NOISE)
+    assert _log_odds_of_scatter(samples, None) is None
+    assert _log_odds_of_scatter(samples, NOISE) > 2.0
+
+
+def test_odds_grow_with_the_noise_and_are_finite():
     odds = []
-    for noise in (NOISE, None):
-        observed = fitted(samples, noise).observed
-        hypothesis = Hypothesis(Transmission(BASE), (ChargePump(40.0),))
-        odds.append(explain(refit(hypothesis, observed)).odds_of_scatter)
-    assert odds[0] > 1.0
-    assert odds[1] == 0.0
+    for part in (1.0, 2.0, 4.0, 1000.0):
+        samples = campaign((ChargePump(40.0),), seed=3, noise=NOISE)
+        odds.append(_log_odds_of_scatter(samples, NOISE / part))
+    assert odds[0] < -1.0
+    assert np.isfinite(odds).all()
+    assert (np.diff(odds) > 0.0).all()
 
 
-def test_a_loss_by_an_unrecorded_temperature_is_told():
+def test_many_repeats_do_not_hide_every_set():
+    points = random_points(5, n=40)
+    repeated = points.map(lambda row: np.repeat(row, 8))
+
+    def by_point(at):
+        return np.repeat(np.random.default_rng(9).uniform(0.0, 0.12, 40), 8)
+
+    found = hmcvt.diagnose(BASE, measure(repeated, loss=by_point))
+    assert found.unlisted > 0.5 or found.verdict == "no_gap"
+
+
+def test_a_loss_by_an_unrecorded_temperature_is_noted():
     """A fan that a thermostat turns on while the campaign has no oil temperature."""
     rng = np.random.default_rng(5)
 
@@ -61,7 +89,7 @@ def test_a_loss_by_an_unrecorded_temperature_is_told():
         )
 
     found = hmcvt.diagnose(BASE, campaign(seed=4, loss=fan), noise=NOISE)
-    assert found.causes == ()
+    assert found.verdict == "no_gap", "no axis shows it"
     assert any("not recorded" in note for note in found.notes)
 
 
@@ -70,7 +98,7 @@ def test_films_warmer_than_the_tank_are_no_further_cause():
 
     class WarmFilms(OilTemperature):
         def pump_drag(self, state):
-            rise = 10.0 * state.load_power / 5e4
+            rise = 30.0 * state.load_power / 5e4
             softer = np.exp(-0.04 * self.strength * rise) - 1.0
             film = self.film_viscosity_ratio(state.oil_temperature)
             return BASE.parameters.pump_damping * film * softer * state.pump_speed

@@ -16,6 +16,7 @@ from hmcvt_core.diagnosis.selection.families import (
     log_prior_of_subset,
     select_families,
 )
+from hmcvt_core.diagnosis.settings import MOST_FAMILIES
 
 FAMILIES = 4
 OPTIONAL = np.arange(FAMILIES)
@@ -34,6 +35,9 @@ class _Readings(NamedTuple):
 READINGS = _Readings(60, np.array([1e8, 1e8]))
 """Their noise is as stated."""
 
+DOUBTED = _Readings(60, np.array([8.0, 8.0]))
+"""Their noise may be another than stated, so that it may take up the gap."""
+
 
 def _columns(seed):
     """One coefficient of the model, and families of two or three columns."""
@@ -51,9 +55,9 @@ def _readings_of(columns, families, seed, size=1.0):
     return kept.columns @ coefficients + rng.standard_normal((2, 60))
 
 
-def _fitted(columns, target):
+def _fitted(columns, target, readings=READINGS):
     return fitted_model(
-        READINGS, columns.columns, target, columns.spread, columns.group
+        readings, columns.columns, target, columns.spread, columns.group
     )
 
 
@@ -129,6 +133,35 @@ def test_evidence_is_nearly_that_over_all_subsets(present, least):
     selection = select_families(READINGS, columns, target, OPTIONAL, least)
     # Amplitudes of those only looked at are averaged over three values.
     assert selection.log_evidence == pytest.approx(np.logaddexp.reduce(every), abs=0.3)
+
+
+@pytest.mark.parametrize("size", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize("present", [(1,), (0, 3), (0, 1, 2, 3)])
+def test_noise_does_not_take_up_what_a_family_explains(present, size):
+    columns = _columns(5)
+    target = _readings_of(columns, present, seed=13, size=size)
+    selection = select_families(DOUBTED, columns, target, OPTIONAL)
+    whole = _fitted(columns.of_families(present), target, DOUBTED)
+    log_prior = log_prior_of_subset(FAMILIES)[len(present)]
+    assert set(present) <= set(selection.families)
+    assert selection.log_evidence > whole.log_evidence + log_prior - 0.5
+
+
+def test_one_channel_and_one_family():
+    columns = _columns(5).of_families([1])
+    one = Columns(columns.columns[:1], columns.spread, columns.group)
+    target = _readings_of(columns, [1], seed=13, size=3.0)[:1]
+    readings = _Readings(60, np.array([8.0]))
+    assert select_families(readings, one, target, np.array([1])).families == (1,)
+
+
+def test_no_more_families_than_the_most_are_added():
+    rng = np.random.default_rng(8)
+    group = np.append(-1, np.arange(12))
+    columns = Columns(rng.standard_normal((2, 60, 13)), np.ones(13), group)
+    target = _readings_of(columns, range(12), seed=3, size=5.0)
+    selection = select_families(DOUBTED, columns, target, np.arange(12))
+    assert len(selection.families) == MOST_FAMILIES
 
 
 def test_a_family_that_is_absent_costs_little():

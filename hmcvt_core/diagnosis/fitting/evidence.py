@@ -202,6 +202,7 @@ def fitted_model(
         previous = log_posterior
         spread = prior_spread.copy()
         spread[in_group] *= np.exp(0.5 * log_variance[index])
+        # Mean and covariance hold at this noise, not at the updated one.
         noise_of_round = noise
         log_evidence, mean, covariance, noise = _single_evidence(
             grams, len(observed), spread, observed.prior_dof, noise

@@ -176,6 +176,10 @@ def _bent_parameters(fit: Fit) -> list[int]:
     They are the size of each effect, and the base parameters that an effect lets vary.
     """
     names = fit.hypothesis.system.base.names
-    varied = {name for effect in fit.hypothesis.effects for name in effect.varied}
+    varied = {
+        name
+        for effect in fit.hypothesis.effects
+        for name in getattr(effect, "varied", ())
+    }
     bent = fit.hypothesis.size_indices.tolist()
     return bent + [i for i, name in enumerate(names) if name in varied]

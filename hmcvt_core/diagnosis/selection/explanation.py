@@ -33,7 +33,8 @@ from ..settings import (
     MISSED_PART,
     NO_ANSWER,
     PRIOR_DOF_ASSUMED,
-    PRIOR_UNLISTED,
+    PRIOR_DOF_ASSUMED_SMALL,
+    PRIOR_DOF_STATED,
     ROUNDING,
     SIZE_SPREADS,
 )
@@ -59,6 +60,7 @@ class Explanation:
         families: numbers of the families of `allowed_columns` that are likeliest to be present.
         bend: name of the effect that is no cause but a bend of the forms of the others; empty for
             none.
+        scatters: whether noise above its statement is an unlisted loss.
     """
 
     fit: Fit
@@ -68,6 +70,7 @@ class Explanation:
     discrepancy: Discrepancy | None = None
     families: tuple[int, ...] = ()
     bend: str = ""
+    scatters: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -86,6 +89,7 @@ class Explanation:
         return (
             bool(self.names)
             and self.discrepancy is None
+            and not self.scatters
             and not self.fit.hypothesis.reversed_sign
         )
 
@@ -101,39 +105,17 @@ class Explanation:
 
         Two parts of the squared change from the base model reduce it: what an extra discrepancy
         makes, and what the set misses while its forms do not bend. Up to a limit either is due to
-        inexact forms. Noise above its statement reduces it by the probability of an unlisted loss
-        that scatters.
+        inexact forms.
 
         Args:
             base_only: the base model alone.
         """
-        if not self.names or self.fit.hypothesis.reversed_sign:
+        if not self.names or self.fit.hypothesis.reversed_sign or self.scatters:
             return 0.0
         extra_part, missed_part = self._parts_not_explained(base_only)
         without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
         by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
-        return float(without_extra * by_forms / (1.0 + self.odds_of_scatter))
-
-    @cached_property
-    def odds_of_scatter(self) -> float:
-        """Odds of an unlisted loss that scatters against a noise that is understated.
-
-        What varies along no recorded axis shows as noise, whose variance has then the prior of one
-        that nobody stated.
-        """
-        from scipy.stats import invgamma
-
-        prior_dof = self.fit.observed.prior_dof
-        noise = np.maximum(self.model.noise, 1.0)
-
-        def log_density(degrees_of_freedom: Array) -> Array:
-            half = 0.5 * degrees_of_freedom
-            return np.asarray(invgamma.logpdf(noise, half, scale=half))
-
-        assumed = np.full(len(noise), PRIOR_DOF_ASSUMED)
-        ratio = np.exp(log_density(assumed) - log_density(prior_dof))
-        is_stated = prior_dof > PRIOR_DOF_ASSUMED
-        return float(PRIOR_UNLISTED * np.mean(np.where(is_stated, ratio, 0.0)))
+        return float(without_extra * by_forms)
 
     def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the parts of the squared change by an extra discrepancy, and that the set misses.
@@ -215,8 +197,8 @@ def explain_by_base(base: Fit) -> Explanation:
 def explain(fit: Fit) -> Explanation:
     """Return the explanation of a refitted set of effects, with its allowances.
 
-    Its evidence is the mean over the prior scales of the sizes, and over the families of the
-    allowances.
+    Its evidence is the sum over the families of the allowances, times the mean over the prior
+    scales of the sizes with the likeliest families.
     """
     observed = fit.observed
     signs = fit.hypothesis.signs
@@ -361,7 +343,9 @@ def with_smooth_discrepancy(
     known = _columns_of(explanation.model)
     columns = known.with_further(further)
     optional = np.unique(columns.group[len(known.group) :])
-    selection = select_families(observed, columns, target, optional, least=1)
+    selection = select_families(
+        observed, columns, target, optional, least=1, known=explanation.model
+    )
     is_present = np.isin(optional, selection.families)
     present = tuple(np.unique(further.group)[is_present].tolist())
 
@@ -388,6 +372,37 @@ def _columns_of(model: LinearModel) -> Columns:
     if model.prior_spread is None or model.group is None:
         return Columns(model.columns, model.spread, np.full(len(model.spread), -1))
     return Columns(model.columns, model.prior_spread, model.group)
+
+
+def scattered(explanation: Explanation) -> list[Explanation]:
+    """Return an explanation with an unlisted loss that varies along no recorded axis.
+
+    Such a loss shows as noise. Its variance has then the prior of a noise that nobody stated, in
+    place of the statement. It is in one of the channels whose noise is stated, equally likely.
+
+    Args:
+        explanation: to extend; the result is empty where no noise is stated.
+    """
+    from scipy.special import gammaln
+
+    prior_dof = explanation.fit.observed.prior_dof
+    is_stated = prior_dof > PRIOR_DOF_ASSUMED_SMALL
+    if not is_stated.any():
+        return []
+    noise = np.maximum(explanation.model.noise[is_stated], 1.0)
+
+    def log_density(degrees_of_freedom: Array) -> Array:
+        """Log density of the log noise, scaled inverse chi squared."""
+        half = 0.5 * degrees_of_freedom
+        log_norm = half * np.log(half) - gammaln(half)
+        return np.asarray(log_norm - half * (np.log(noise) + 1.0 / noise))
+
+    # However well it was stated, conditions of a campaign differ from those of the statement.
+    stated = np.minimum(prior_dof[is_stated], PRIOR_DOF_STATED)
+    assumed = np.full(len(noise), PRIOR_DOF_ASSUMED)
+    gain = float(log_mean(log_density(assumed) - log_density(stated)))
+    log_evidence = explanation.log_evidence + gain
+    return [replace(explanation, log_evidence=log_evidence, scatters=True)]
 
 
 def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:

@@ -19,14 +19,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fitting.evidence import LinearModel, fitted_model, gram, log_mean
+from ..fitting.evidence import LinearModel, fitted_model, gram
 from ..observations import Observations
 from ..settings import AMPLITUDE_LOG_DEVIATION, MOST_FAMILIES
 from ..system import Array
 from .discrepancy import Columns
 
-_AMPLITUDES = np.exp(0.5 * AMPLITUDE_LOG_DEVIATION * np.array([-1.0, 0.0, 1.0]))
-"""Amplitudes of a family that is looked at: the prior median and a deviation to either side."""
+_DEVIATIONS = np.arange(-1.0, 5.0)
+"""Log variances at which a family is looked at, in prior deviations; large gaps need large ones."""
+
+_AMPLITUDES = np.exp(0.5 * AMPLITUDE_LOG_DEVIATION * _DEVIATIONS)
+
+_LOG_WEIGHTS = -0.5 * _DEVIATIONS**2 - np.logaddexp.reduce(-0.5 * _DEVIATIONS**2)
+"""Log of their prior probabilities."""
 
 
 class Selection(NamedTuple):
@@ -49,6 +54,7 @@ def select_families(
     target: Array,
     optional: NDArray[np.intp],
     least: int = 0,
+    known: LinearModel | None = None,
 ) -> Selection:
     """Select the families of columns that are present.
 
@@ -58,31 +64,29 @@ def select_families(
         target: what the coefficients reproduce, shape (channels, n).
         optional: numbers of the families that may be absent, at least one.
         least: how many of these are present at least, 0 or 1.
+        known: the fitted model without any of these; None to fit it.
     """
     log_priors = log_prior_of_subset(len(optional), least)
     gains = _Gains(columns, target, optional)
     is_present = ~np.isin(columns.group, optional)
-    model = _fitted(observed, columns.where(is_present), target)
+    model = known or _fitted(observed, columns.where(is_present), target)
     log_posterior = model.log_evidence + log_priors[0]
     log_posteriors = [log_posterior]
     for log_prior in log_priors[1 : MOST_FAMILIES + 1]:
         absent = np.setdiff1d(optional, columns.group[is_present])
-        by_amplitude = gains.of(absent, model, is_present)
-        gain = log_mean(by_amplitude)
+        by_amplitude = gains.of(absent, model, is_present) + _LOG_WEIGHTS[:, None]
+        gain = np.logaddexp.reduce(by_amplitude)
         likeliest = int(gain.argmax())
         others = np.delete(gain, likeliest)
         log_posteriors.extend(model.log_evidence + others + log_prior)
 
         is_added = columns.group == absent[likeliest]
-        start = columns.spread * _AMPLITUDES[by_amplitude[:, likeliest].argmax()]
-        start[is_present] = model.spread
+        start_spread = columns.spread.copy()
+        start_spread[is_present] = model.spread
+        start_spread[is_added] *= _AMPLITUDES[by_amplitude[:, likeliest].argmax()]
         is_extended = is_present | is_added
-        extended = _fitted(
-            observed,
-            columns.where(is_extended),
-            target,
-            (start[is_extended], model.noise),
-        )
+        start = start_spread[is_extended], model.noise
+        extended = _fitted(observed, columns.where(is_extended), target, start)
         log_posterior_extended = extended.log_evidence + log_prior
         log_posteriors.append(log_posterior_extended)
         if log_posterior_extended < log_posterior:
@@ -95,23 +99,21 @@ def select_families(
     return Selection(model, tuple(families.tolist()), log_evidence)
 
 
-def log_prior_of_subset(families: int, least: int = 0) -> Array:
+def log_prior_of_subset(count: int, least: int = 0) -> Array:
     """Return the log prior of one subset of each size, from no family to all of them.
 
     Args:
-        families: how many there are.
+        count: how many families there are.
         least: how many of these are present at least.
 
     Returns:
-        Shape (families + 1,).
+        Shape (count + 1,).
     """
     from scipy.special import gammaln
 
-    size = np.arange(families + 1)
-    log_subsets = (
-        gammaln(families + 1) - gammaln(size + 1) - gammaln(families - size + 1)
-    )
-    log_prior = -log_subsets - np.log(families + 1 - least)
+    size = np.arange(count + 1)
+    log_subsets = gammaln(count + 1) - gammaln(size + 1) - gammaln(count - size + 1)
+    log_prior = -log_subsets - np.log(count + 1 - least)
     return np.where(size < least, -np.inf, log_prior)
 
 
@@ -161,10 +163,10 @@ class _Gains:
     ) -> Array:
         r"""Return the gain by each family, at the noise of the model without it.
 
-        With the columns U of the family, P the projection that the model leaves, r its residuals,
-        all in units of the noise, and the prior covariance :math:`v S^2`:
+        With the columns U of the family, r the residuals of the model, P the precision of the
+        readings under it, and the prior covariance :math:`v S^2`:
 
-        .. math:: \log B = \tfrac12 r^TU (U^TPU + (v S^2)^{-1})^{-1} U^Tr
+        .. math:: \log B = \tfrac12 r^TPU (U^TPU + (v S^2)^{-1})^{-1} U^TPr
                   - \tfrac12 \log|I + v S\,U^TPU\,S|
 
         Args:
@@ -173,7 +175,7 @@ class _Gains:
             is_present: which columns the model has.
 
         Returns:
-            Shape (3, families), at each of the amplitudes that are looked at.
+            Shape (amplitudes, families), at each of the amplitudes that are looked at.
         """
         weighted = np.sum(self.grams / model.noise[:, None, None], axis=0)
         members = np.stack([self.members[int(family)] for family in families])

@@ -40,6 +40,7 @@ from .explanation import (
     explain_by_base,
     explain_by_base_discrepancy,
     explain_exactly,
+    scattered,
     smooth_discrepancies,
     with_bends,
 )
@@ -85,6 +86,11 @@ class Posterior:
         """Probability that listed effects do not explain the whole gap."""
         listed = sum(p for _, p in self.sets.values())
         return max(0.0, 1.0 - listed)  # rounding may exceed 1
+
+    @cached_property
+    def scatter(self) -> float:
+        """Probability of an unlisted loss that varies along no recorded axis."""
+        return sum(p for explanation, p in self.entries if explanation.scatters)
 
     @cached_property
     def misfit(self) -> float:
@@ -231,17 +237,18 @@ def _log_prior_of_set(size: int, effects: int) -> float:
 
 
 def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Weighted]:
-    """Return sets with an unlisted discrepancy: smooth, or inside a box."""
+    """Return sets with an unlisted loss: smooth, inside a box, or along no recorded axis."""
     extended = []
     for explanation, log_weight in sets:
         # With the log form prior, which the log weight of a set includes.
         log_prior_of_set = log_weight - explanation.log_evidence
-        for family in (
+        for kind in (
             smooth_discrepancies(explanation),
             boxed_discrepancies(explanation, boxes),
+            scattered(explanation),
         ):
             extended += _with_shared_log_prior(
-                family, log_prior_of_set + math.log(PRIOR_UNLISTED / 2.0)
+                kind, log_prior_of_set + math.log(PRIOR_UNLISTED / 3.0)
             )
     return extended
 

@@ -182,7 +182,8 @@ class Effect:
         change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
             known; it is then no candidate.
-        varied: base parameters that differ from point to point, by a little, where it acts.
+        varied: base parameters, in proportion to their scaled variables, that differ from point to
+            point where it acts; those that a bench does not have are ignored.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.

@@ -283,8 +283,9 @@ def _measured(
         "load_torque": power / engine_speed,
         "efficiency": power / (engine * engine_speed),
         "output_speed": output_speed,
-        "stamp": programme.stamp,
     }
+    if bench.record:
+        columns["stamp"] = programme.stamp
     logs_oil = "oil_temperature" in truth.names
     columns.update(
         _optional_columns(shown, settings, noise, scatter[4], bench, seed, logs_oil)
@@ -298,7 +299,7 @@ def _measured(
         state=state,
         meters=meters,
         columns=columns,
-        texts=_texts(truth.plain.layout, programme),
+        texts=_texts(truth.plain.layout, programme, bench),
         noise=noise,
     )
 
@@ -358,13 +359,17 @@ def _optional_columns(
     if pressure < _PRESSURE_SHARE:
         deviation = gauge_scatter(shown["pressure"]) * bench.noise
         columns["pressure"] = shown["pressure"] + deviation * scatter
-    if temperature < _TEMPERATURE_SHARE or logs_oil:
+    if (bench.temperature and temperature < _TEMPERATURE_SHARE) or logs_oil:
         columns["oil_temperature"] = settings.oil_temperature
     return columns
 
 
-def _texts(layout: Layout, programme: Programme) -> dict[str, tuple[str, ...]]:
-    texts = {"session": tuple(f"S{number + 1}" for number in programme.session)}
+def _texts(
+    layout: Layout, programme: Programme, bench: Bench
+) -> dict[str, tuple[str, ...]]:
+    texts = {}
+    if bench.record:
+        texts["session"] = tuple(f"S{number + 1}" for number in programme.session)
     if layout.names_stages:
         names = [train.name for train in layout.trains]
         texts["stage"] = tuple(names[number] for number in programme.stage)

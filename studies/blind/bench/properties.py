@@ -27,6 +27,9 @@ class Bench:
         plans: grids, power hyperbolas, sweeps or random points; off: random points.
         layouts: several stages and an output-coupled one occur; off: stage HM4 alone.
         statement: the column of the noise stated; off: it is missing.
+        record: the columns of session and time; off: they are missing.
+        temperature: half of the campaigns log the oil temperature; off: only where the
+            effect `oil_temperature` is hidden.
     """
 
     order: bool = True
@@ -43,6 +46,8 @@ class Bench:
     plans: bool = True
     layouts: bool = True
     statement: bool = True
+    record: bool = True
+    temperature: bool = True
 
     def without(self, *names: str) -> "Bench":
         """Return the bench with some properties switched off.
