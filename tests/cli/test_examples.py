@@ -495,7 +495,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
     assert (
-        "model with bearing_drag (29 %, not certain) written to better.yaml" in output
+        "model with bearing_drag (30 %, not certain) written to better.yaml" in output
     )
 
 
