@@ -8,6 +8,7 @@ from hmcvt_core.benches.transmission import system
 from hmcvt_core.errors import InputError
 from studies.blind.__main__ import command
 from studies.blind.bench.classes import ENGINE_TORQUE, PROPORTIONAL, classes_of
+from studies.blind.bench.judge import judge
 from studies.blind.bench.library import listed_name, without_effects
 from studies.blind.bench.properties import PROPERTIES, Bench
 from studies.blind.bench.scores import (
@@ -135,6 +136,12 @@ def test_names_that_do_not_exist_are_refused():
         cases(3, 7, Bench(), ("many",))
     off = Bench().without(*PROPERTIES)
     assert not any(vars(off).values())
+
+
+@pytest.mark.parametrize("name", ["statement", "record", "temperature"])
+def test_a_campaign_is_judged_without_a_column(name):
+    (case,) = cases(1, 5, Bench().without(name), ("nothing",))
+    assert judge(case)["sessions"] >= 2
 
 
 @pytest.mark.long

@@ -118,7 +118,7 @@ def _hidden(case: Case, campaign: Campaign, confusion: Confusion) -> dict[str, A
         "true_classes": _true_classes(case, campaign),
         "left": list(confusion.left),
         "beyond": confusion.beyond,
-        "sessions": len(set(campaign.texts["session"])),
+        "sessions": len(np.unique(campaign.programme.session)),
         "noise": float(np.sqrt(np.mean(campaign.noise**2))),
     }
 
