@@ -54,9 +54,9 @@ def test_noise_that_nobody_stated_blames_nothing(n):
 
 
 def test_odds_grow_with_the_noise_and_are_finite():
+    samples = campaign((ChargePump(40.0),), seed=3, noise=NOISE)
     odds = []
     for part in (1.0, 2.0, 4.0, 1000.0):
-        samples = campaign((ChargePump(40.0),), seed=3, noise=NOISE)
         odds.append(_log_odds_of_scatter(samples, NOISE / part))
     assert odds[0] < -1.0
     assert np.isfinite(odds).all()

@@ -80,6 +80,13 @@ def test_gain_of_a_family_is_that_of_the_model_with_it(seed):
 
     held = columns.spread.copy()
     held[is_present] = without.spread
+    (at_start,) = linear_models(
+        READINGS,
+        columns.columns[..., is_present],
+        target,
+        held[is_present][None],
+        np.full(np.count_nonzero(is_present), np.nan),
+    )
     for gain, family in zip(gains.T, absent, strict=True):
         is_extended = is_present | (columns.group == family)
         spreads = []
@@ -93,13 +100,6 @@ def test_gain_of_a_family_is_that_of_the_model_with_it(seed):
             target,
             np.array(spreads),
             signs,
-        )
-        (at_start,) = linear_models(
-            READINGS,
-            columns.columns[..., is_present],
-            target,
-            held[is_present][None],
-            np.full(np.count_nonzero(is_present), np.nan),
         )
         expected = [model.log_evidence - at_start.log_evidence for model in extended]
         assert gain == pytest.approx(expected, abs=1e-3)
@@ -131,7 +131,7 @@ def test_evidence_is_nearly_that_over_all_subsets(present, least):
             model = _fitted(columns.of_families(subset), target)
             every.append(model.log_evidence + log_priors[size])
     selection = select_families(READINGS, columns, target, OPTIONAL, least)
-    # Amplitudes of those only looked at are averaged over three values.
+    # Amplitudes of those only looked at are averaged over a few values.
     assert selection.log_evidence == pytest.approx(np.logaddexp.reduce(every), abs=0.3)
 
 

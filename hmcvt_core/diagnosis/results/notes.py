@@ -29,7 +29,7 @@ def noise_notes(analysis: Analysis) -> tuple[str, ...]:
             advice += ", or look for a loss that varies with what was not recorded"
         return (
             f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
-            f"{advice}",
+            + advice,
         )
     usual = channel.deviation(observed.measured[0])
     if np.ptp(observed.deviation[0] / usual) > ROUNDING:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..fitting.evidence import LinearModel, fitted_model
 from ..fitting.refit import Fit
 from ..observations import Observations
 from ..settings import FORM_ALLOWANCE, FORM_ALLOWANCE_DEGREE, SMOOTH_DEGREE
@@ -135,6 +136,17 @@ class Columns(NamedTuple):
     def where(self, kept: NDArray[np.bool_]) -> Columns:
         """Return some of the columns."""
         return Columns(self.columns[..., kept], self.spread[kept], self.group[kept])
+
+    def fitted(
+        self,
+        observed: Observations,
+        target: Array,
+        start: tuple[Array, Array] | None = None,
+    ) -> LinearModel:
+        """Return the linear model of the columns; see `fitted_model`."""
+        return fitted_model(
+            observed, self.columns, target, self.spread, self.group, start
+        )
 
 
 def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> Columns:

@@ -19,7 +19,6 @@ from ..detection.regions import Regions
 from ..fitting.evidence import (
     LinearModel,
     change_of_prior_scale,
-    fitted_model,
     linear_models,
     log_mean,
 )
@@ -326,20 +325,18 @@ def explain_exactly(fit: Fit) -> Explanation:
 
 
 def with_smooth_discrepancy(
-    explanation: Explanation, discrepancy: Discrepancy, scales: Sequence[float]
+    explanation: Explanation, discrepancy: Discrepancy, spread: Array
 ) -> Explanation:
     """Return an explanation extended by a smooth discrepancy of fitted amplitudes.
 
     Args:
         explanation: to extend.
         discrepancy: the addition.
-        scales: prior median in each of its channels.
+        spread: prior standard deviations of its coefficients, shape (m,).
     """
     observed = explanation.fit.observed
     target = explanation.model.target
-    further = Columns(
-        discrepancy.columns(observed), discrepancy.prior(scales), discrepancy.family
-    )
+    further = Columns(discrepancy.columns(observed), spread, discrepancy.family)
     known = _columns_of(explanation.model)
     columns = known.with_further(further)
     optional = np.unique(columns.group[len(known.group) :])
@@ -353,7 +350,7 @@ def with_smooth_discrepancy(
     of_present = further.of_families(present)
     plain = _columns_of(plain_model).with_further(of_present)
     extended_plain_model = replace(
-        fitted_model(observed, plain.columns, target, plain.spread, plain.group),
+        plain.fitted(observed, target),
         signs=np.append(plain_model.signs, np.full(len(of_present.spread), np.nan)),
     )
     # What the priors of sizes and allowances change, they change here too.
@@ -383,34 +380,37 @@ def scattered(explanation: Explanation) -> list[Explanation]:
     Args:
         explanation: to extend; the result is empty where no noise is stated.
     """
-    from scipy.special import gammaln
-
     prior_dof = explanation.fit.observed.prior_dof
     is_stated = prior_dof > PRIOR_DOF_ASSUMED_SMALL
     if not is_stated.any():
         return []
     noise = np.maximum(explanation.model.noise[is_stated], 1.0)
-
-    def log_density(degrees_of_freedom: Array) -> Array:
-        """Log density of the log noise, scaled inverse chi squared."""
-        half = 0.5 * degrees_of_freedom
-        log_norm = half * np.log(half) - gammaln(half)
-        return np.asarray(log_norm - half * (np.log(noise) + 1.0 / noise))
-
     # However well it was stated, conditions of a campaign differ from those of the statement.
     stated = np.minimum(prior_dof[is_stated], PRIOR_DOF_STATED)
-    assumed = np.full(len(noise), PRIOR_DOF_ASSUMED)
-    gain = float(log_mean(log_density(assumed) - log_density(stated)))
-    log_evidence = explanation.log_evidence + gain
+    gains = _log_density_of_noise(noise, np.asarray(PRIOR_DOF_ASSUMED))
+    gains -= _log_density_of_noise(noise, stated)
+    log_evidence = explanation.log_evidence + float(log_mean(gains))
     return [replace(explanation, log_evidence=log_evidence, scatters=True)]
+
+
+def _log_density_of_noise(noise: Array, prior_dof: Array) -> Array:
+    """Return the log density of the log of a noise variance, scaled inverse chi squared.
+
+    Args:
+        noise: in units of the stated variance.
+        prior_dof: its prior degrees of freedom.
+    """
+    from scipy.special import gammaln
+
+    half = 0.5 * prior_dof
+    log_norm = half * np.log(half) - gammaln(half)
+    return np.asarray(log_norm - half * (np.log(noise) + 1.0 / noise))
 
 
 def explain_by_base_discrepancy(base_only: Explanation) -> Explanation:
     """Return the explanation of a base model that is a little off and nothing else."""
-    observed = base_only.fit.observed
-    discrepancy, _ = base_discrepancy(observed)
-    scales = [channel.misfit_spread for channel in observed.channels]
-    return with_smooth_discrepancy(base_only, discrepancy, scales)
+    discrepancy, spread = base_discrepancy(base_only.fit.observed)
+    return with_smooth_discrepancy(base_only, discrepancy, spread)
 
 
 def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
@@ -420,7 +420,8 @@ def smooth_discrepancies(explanation: Explanation) -> list[Explanation]:
     for i, channel in enumerate(observed.channels):
         scale = float(np.median(channel.field_spreads))
         discrepancy = Discrepancy(observed, (i,))
-        extended.append(with_smooth_discrepancy(explanation, discrepancy, [scale]))
+        spread = discrepancy.prior([scale])
+        extended.append(with_smooth_discrepancy(explanation, discrepancy, spread))
     return extended
 
 

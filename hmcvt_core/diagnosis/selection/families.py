@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fitting.evidence import LinearModel, fitted_model, gram
+from ..fitting.evidence import LinearModel, gram
 from ..observations import Observations
 from ..settings import AMPLITUDE_LOG_DEVIATION, MOST_FAMILIES
 from ..system import Array
@@ -69,7 +69,7 @@ def select_families(
     log_priors = log_prior_of_subset(len(optional), least)
     gains = _Gains(columns, target, optional)
     is_present = ~np.isin(columns.group, optional)
-    model = known or _fitted(observed, columns.where(is_present), target)
+    model = known or columns.where(is_present).fitted(observed, target)
     log_posterior = model.log_evidence + log_priors[0]
     log_posteriors = [log_posterior]
     for log_prior in log_priors[1 : MOST_FAMILIES + 1]:
@@ -86,7 +86,7 @@ def select_families(
         start_spread[is_added] *= _AMPLITUDES[by_amplitude[:, likeliest].argmax()]
         is_extended = is_present | is_added
         start = start_spread[is_extended], model.noise
-        extended = _fitted(observed, columns.where(is_extended), target, start)
+        extended = columns.where(is_extended).fitted(observed, target, start)
         log_posterior_extended = extended.log_evidence + log_prior
         log_posteriors.append(log_posterior_extended)
         if log_posterior_extended < log_posterior:
@@ -115,18 +115,6 @@ def log_prior_of_subset(count: int, least: int = 0) -> Array:
     log_subsets = gammaln(count + 1) - gammaln(size + 1) - gammaln(count - size + 1)
     log_prior = -log_subsets - np.log(count + 1 - least)
     return np.where(size < least, -np.inf, log_prior)
-
-
-def _fitted(
-    observed: Observations,
-    columns: Columns,
-    target: Array,
-    start: tuple[Array, Array] | None = None,
-) -> LinearModel:
-    """Return `fitted_model` of columns."""
-    return fitted_model(
-        observed, columns.columns, target, columns.spread, columns.group, start
-    )
 
 
 class _Gains:

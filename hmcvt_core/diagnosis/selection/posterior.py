@@ -88,11 +88,6 @@ class Posterior:
         return max(0.0, 1.0 - listed)  # rounding may exceed 1
 
     @cached_property
-    def scatter(self) -> float:
-        """Probability of an unlisted loss that varies along no recorded axis."""
-        return sum(p for explanation, p in self.entries if explanation.scatters)
-
-    @cached_property
     def misfit(self) -> float:
         """Probability that the base model is a little off and nothing else."""
         return sum(
