@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from .analysis import Analysis, model_of, rms
 from .design.advice import Advice
 from .design.classes import find_classes
 from .design.next_test import advise
@@ -21,7 +22,6 @@ from .detection.regions import candidate_regions
 from .detection.significance import significance
 from .observations import Observations
 from .preparation import prepare
-from .results.analysis import Analysis, model_of, rms
 from .results.diagnosis import Diagnosis
 from .results.notes import noise_notes
 from .results.outcome import NAMING, Delivered, Gap
@@ -34,8 +34,8 @@ from .results.summary import (
     sets_of,
     shared_errors_of,
 )
-from .results.verdict import verdict_of
 from .selection.posterior import compute_posterior
+from .statements.verdict import verdict_of
 from .system import Points, System
 
 

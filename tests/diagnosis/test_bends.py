@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.transmission import Transmission
+from hmcvt_core.diagnosis.analysis import Analysis
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
-from hmcvt_core.diagnosis.results.analysis import Analysis
 from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
-from hmcvt_core.diagnosis.results.verdict import verdict_of
 from hmcvt_core.diagnosis.selection.explanation import explain, with_bends
+from hmcvt_core.diagnosis.statements.verdict import verdict_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 

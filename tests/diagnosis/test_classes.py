@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hmcvt_core.diagnosis.results.verdict import verdict_of
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
@@ -21,7 +22,6 @@ from hmcvt_core.diagnosis.design.next_test import candidates_of, with_twins
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results import text as words
-from hmcvt_core.diagnosis.results.verdict import verdict_of
 from hmcvt_core.diagnosis.selection.posterior import Posterior
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...diagnosis import Diagnosis
-from ...diagnosis.results.analysis import rms
+from ...diagnosis.analysis import rms
 from ...diagnosis.system import Array
 from ...files.bench import BenchSamples
 from ...model.accuracy import misfit

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..analysis import Analysis, rms
 from ..detection.significance import significance
 from ..fitting.refit import refit
 from ..settings import NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
-from .analysis import Analysis, rms
 
 
 def noise_notes(analysis: Analysis) -> tuple[str, ...]:

@@ -15,10 +15,13 @@ from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import SESSION, Observations
 from ..selection.posterior import Posterior
 from ..settings import LIKELY, REGION_SIGNIFICANCE
+from ..statements.agreement import NOTHING_STATED, Agreement
+from ..statements.members import Member
+from ..statements.scatter import ExcessScatter
 from ..system import Array, Axis, Channel
 
-NAMING = ("cause_found", "ambiguous")
-"""Verdicts that name a cause."""
+NAMING = ("cause_found", "class_found", "other_form", "ambiguous")
+"""Verdicts that name a cause, a class of causes, or a cause whose form is not in the library."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,8 @@ class Outcome:
     Attributes:
         gap: size and significance of the gap.
         where: regions in which the bench differs from the refitted base model.
-        verdict: `no_gap`, `cause_found`, `ambiguous` or `unexplained`.
+        verdict: `no_gap`, `excess_scatter`, `cause_found`, `class_found`, `other_form`,
+            `ambiguous` or `unexplained`; `statements.verdict` says when which.
         causes: effects that may be present, those of the leading set first.
         sets: sets of effects, most probable first.
         classes: effects that no test distinguishes, most probable class first.
@@ -231,6 +235,11 @@ class Outcome:
         parameters: of `model`, by name.
         seed: of every random number.
         shared_errors: errors of the meters that readings share, session by session.
+        agreement: readings against their stated noise.
+        scatter: scatter above its statement that no axis explains, or None.
+        members: effects and classes that are present whatever else is, most probable first.
+        served: the model that is handed over, saved and served; None for the one with the leading
+            set, or the base model where no cause is named.
     """
 
     gap: Gap
@@ -259,6 +268,10 @@ class Outcome:
     parameters: Mapping[str, ParameterEstimate]
     seed: int = 0
     shared_errors: tuple[SharedErrorEstimate, ...] = ()
+    agreement: Agreement = NOTHING_STATED
+    scatter: ExcessScatter | None = None
+    members: tuple[Member, ...] = ()
+    served: Any = None
 
     @property
     def significant_region(self) -> Region | None:
@@ -374,5 +387,7 @@ class Outcome:
 
     @property
     def model(self) -> Any:
-        """The model to use: with the leading set of causes if the verdict names one."""
+        """The model to use: the one handed over, else with the leading set if one is named."""
+        if self.served is not None:
+            return self.served
         return self.named.model if self.named else self.base

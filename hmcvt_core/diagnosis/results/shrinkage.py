@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..analysis import Analysis, rms
 from ..fitting.cross_validation import (
     Fold,
     block_assignments,
@@ -42,7 +43,6 @@ from ..preparation import describe_samples
 from ..selection.explanation import Explanation
 from ..settings import DRAWS, LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
 from ..system import Array
-from .analysis import Analysis, rms
 from .outcome import ShrinkageSummary
 
 

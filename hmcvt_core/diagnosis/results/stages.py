@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import rms
 from ..system import Array
-from .analysis import rms
 from .outcome import Outcome
 from .sentences import amount
 

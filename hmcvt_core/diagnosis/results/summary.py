@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis import Analysis, model_of, parameter_covariance, rms
 from ..detection.regions import covering
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
@@ -23,7 +24,6 @@ from ..settings import (
     SIZE_SPREADS,
 )
 from ..system import Array, BaseParameters, Effect
-from .analysis import Analysis, model_of, parameter_covariance, rms
 from .outcome import (
     NAMING,
     Cause,

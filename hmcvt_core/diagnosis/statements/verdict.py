@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
+from ..analysis import Analysis
 from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     LIKELY,
 )
 from ..wording import plain
-from .analysis import Analysis
 
 
 def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..design.classes import ClassSet, EffectClass, merge_sets
-from ..detection.regions import Regions
-from ..detection.significance import Significance
-from ..fitting.refit import Fit
-from ..selection.explanation import Explanation
-from ..selection.posterior import Posterior, Weighted
-from ..settings import GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
-from ..system import Array
+from .design.classes import ClassSet, EffectClass, merge_sets
+from .detection.regions import Regions
+from .detection.significance import Significance
+from .fitting.refit import Fit
+from .selection.explanation import Explanation
+from .selection.posterior import Posterior, Weighted
+from .settings import GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
+from .system import Array
 
 
 @dataclass(frozen=True, eq=False)
