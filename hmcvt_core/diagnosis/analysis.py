@@ -62,11 +62,16 @@ class Analysis:
         return next(iter(self.posterior.sets.values()))
 
     @cached_property
+    def class_sets(self) -> tuple[ClassSet, ...]:
+        """The sets, merged where no test distinguishes them, most probable first."""
+        sets = [(names, p) for names, (_, p) in self.posterior.sets.items()]
+        return merge_sets(sets, self.classes)
+
+    @cached_property
     def leading_class_set(self) -> ClassSet:
         """The most probable set, and those that no test distinguishes from it."""
         leading, _ = self.leading
-        sets = [(names, p) for names, (_, p) in self.posterior.sets.items()]
-        for item in merge_sets(sets, self.classes):
+        for item in self.class_sets:
             if leading.names in item.sets:
                 return item
         raise KeyError(leading.names)
@@ -105,17 +110,6 @@ class Analysis:
         return np.asarray(self.base.observed.deviation[0] * np.sqrt(model.noise[0]))
 
 
-def parameter_covariance(explanation: Explanation) -> Array:
-    """Covariance of base parameters and sizes at the fitted shapes, shape (p, p).
-
-    With shapes free, a size could take any value that keeps the loss.
-    """
-    hypothesis = explanation.fit.hypothesis
-    kept = [*range(hypothesis.base_count), *hypothesis.size_indices]
-    information = np.linalg.inv(explanation.plain_model.covariance)
-    return np.asarray(np.linalg.inv(information[np.ix_(kept, kept)]))
-
-
 def model_of(explanation: Explanation, fit: Fit) -> Any:
     """Return the system's model of a fit, with the covariance of its base parameters.
 
@@ -124,7 +118,7 @@ def model_of(explanation: Explanation, fit: Fit) -> Any:
         fit: the refit that the model holds.
     """
     count = len(fit.hypothesis.system.base)
-    covariance = parameter_covariance(explanation)[:count, :count]
+    covariance = explanation.parameter_covariance[:count, :count]
     system = fit.hypothesis.system
     return system.model_of(fit.base, fit.effects, fit.observed.samples, covariance)
 

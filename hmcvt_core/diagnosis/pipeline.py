@@ -35,7 +35,9 @@ from .results.summary import (
     shared_errors_of,
 )
 from .selection.posterior import compute_posterior
-from .statements.verdict import verdict_of
+from .statements.agreement import NOTHING_STATED
+from .statements.members import members_of
+from .statements.verdict import set_is_settled, verdict_of
 from .system import Points, System
 
 
@@ -73,7 +75,7 @@ def diagnose_system(
         if progress is not None:
             progress(text)
 
-    base, preparation_notes = prepare(system, observed)
+    base, preparation_notes, outliers = prepare(system, observed)
     boxes = candidate_regions(base.observed.coordinates)
     report_step("step 1 of 3, is there a gap")
     detection = significance(base, boxes, seed)
@@ -87,9 +89,10 @@ def diagnose_system(
     possible = system.candidates(base.observed.points, base.base)
     advice = advise(posterior, possible, classes)
     first_notes = (*warnings, *notes, *preparation_notes, *measurement.notes)
-    return _summarise(
+    diagnosis = _summarise(
         analysis, validation, measurement, advice, tuple(warnings), first_notes
     )
+    return replace(diagnosis, left_out=outliers)
 
 
 def _summarise(
@@ -105,12 +108,15 @@ def _summarise(
     base_only = posterior.base_only
     observed = base_only.fit.observed
     system = base_only.fit.hypothesis.system
-    verdict, verdict_notes = verdict_of(analysis)
+    agreement = NOTHING_STATED
+    members = members_of(analysis)
+    verdict, verdict_notes = verdict_of(analysis, agreement, members)
+    settled = set_is_settled(analysis)
     residuals = validation.base_errors
     residuals_after = residuals
     base_parameters = parameters_of(base_only, base_only.fit)
     parameters = base_parameters
-    if verdict in NAMING:
+    if verdict in NAMING and analysis.posterior.sets:
         leading, _ = analysis.leading
         residuals_after = validation.errors(leading)
         parameters = parameters_of(leading, leading.served_fit)
@@ -135,7 +141,7 @@ def _summarise(
         advice=advice,
         unlisted=posterior.unlisted if analysis.significant else 0.0,
         misfit=posterior.misfit if analysis.significant else 0.0,
-        lost_power=lost_power_of(analysis, verdict),
+        lost_power=lost_power_of(analysis, members, verdict, settled),
         warnings=warnings,
         notes=(
             *first_notes,
@@ -154,6 +160,9 @@ def _summarise(
         parameters=parameters,
         seed=analysis.seed,
         shared_errors=shared_errors_of(analysis),
+        agreement=agreement,
+        members=members,
+        set_is_settled=settled,
     )
 
 
@@ -177,7 +186,7 @@ def next_test(
     Raises:
         InputError: samples cannot carry a diagnosis.
     """
-    base, preparation_notes = prepare(system, observed)
+    base, preparation_notes, _ = prepare(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)
     boxes = candidate_regions(base.observed.coordinates)

@@ -9,6 +9,7 @@ Noise is widened near changes of operating mode, and where the scatter is uneven
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +42,26 @@ from .system import Array, System
 Index = NDArray[np.intp]
 
 
-def prepare(system: System, observed: Observations) -> tuple[Fit, list[str]]:
+class Prepared(NamedTuple):
+    """A campaign that is ready for a diagnosis.
+
+    Attributes:
+        base: the refit of the base model, whose `observed` are the samples used.
+        notes: on what was left out or reweighted.
+        outliers: samples that stand alone against their neighbours and were left out, in words.
+    """
+
+    base: Fit
+    notes: list[str]
+    outliers: tuple[str, ...] = ()
+
+
+def prepare(system: System, observed: Observations) -> Prepared:
     """Refit the base model to the samples that can be used.
 
     Args:
         system: on the bench.
         observed: all samples.
-
-    Returns:
-        The refit of the base model, whose `observed` are the samples used, and a note on what was
-        left out or reweighted.
 
     Raises:
         InputError: what remains cannot carry a diagnosis.
@@ -59,6 +70,7 @@ def prepare(system: System, observed: Observations) -> tuple[Fit, list[str]]:
     base = _with_transition_noise(base)
     observed = base.observed
     slips = outliers(observed, base.whitened)
+    described = tuple(observed.describe(i) for i in slips)
     if len(slips):
         notes += _outlier_notes(observed, slips)
         base, further_notes = _refit_to_answered(system, observed.without(slips))
@@ -71,7 +83,8 @@ def prepare(system: System, observed: Observations) -> tuple[Fit, list[str]]:
         )
         kept = spread_out(base.observed, MOST_SAMPLES)
         base = refit(base.hypothesis, base.observed.select(kept), base.theta)
-    return _with_uneven_noise(base, notes)
+    base, notes = _with_uneven_noise(base, notes)
+    return Prepared(base, notes, described)
 
 
 # --- samples without an answer --------------------------------------------------------------

@@ -34,7 +34,7 @@ def test_outliers_and_narrow_gaps():
     quiet = campaign(seed=5, n=3000)
     slipped = quiet.efficiency.copy()
     slipped[::100] -= 0.05
-    base, notes = prepare(
+    base, notes, _ = prepare(
         Transmission(BASE), observe(with_column(quiet, efficiency=slipped), NOISE)
     )
     assert notes[0].startswith(
@@ -49,7 +49,7 @@ def test_outliers_and_narrow_gaps():
         and not (base.observed.number % 100 == 0).any()
     )
     narrow = quiet.efficiency - 0.05 * (np.abs(quiet.engine_speed - 150.0) < 1.0)
-    _, notes = prepare(
+    _, notes, _ = prepare(
         Transmission(BASE), observe(with_column(quiet, efficiency=narrow), NOISE)
     )
     assert "alone" not in notes[0]

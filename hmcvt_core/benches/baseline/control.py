@@ -88,7 +88,7 @@ def judge_control(machine: SoundMachine, observed: Observations, seed: int) -> C
         seed: of every random number.
     """
     system = Change(machine, meters=CLASS_TO_DRIFT)
-    base, _ = prepare(system, with_sound_uncertainty(observed, machine))
+    base, *_ = prepare(system, with_sound_uncertainty(observed, machine))
     boxes = candidate_regions(base.observed.coordinates)
     p_value = float(significance(base, boxes, seed).p_value)
     verdict = "no_gap"

@@ -217,9 +217,11 @@ def find_classes(posterior: Posterior) -> tuple[EffectClass, ...]:
 def _fitted_forms(posterior: Posterior) -> list[_Fitted]:
     """Return the forms in the probable sets, most probable first."""
     forms: dict[tuple[str, str, bool], _Fitted] = {}
-    for names, (explanation, p) in posterior.sets.items():
+    for names, (explanation, p) in posterior.present.items():
         fit = explanation.fit
         for effect, size in zip(fit.effects, fit.sizes.tolist(), strict=True):
+            if effect.name not in names:
+                continue
             form = (effect.name, effect.form, size < 0.0)
             before = forms.get(form, _Fitted(effect, size, 0.0, ()))
             forms[form] = replace(
@@ -304,7 +306,7 @@ def _class_of(group: Sequence[_Fitted], posterior: Posterior) -> EffectClass:
     effects = sorted(by_name.values(), key=lambda effect: effect.component != METER)
     sets = {names for item in group for names in item.sets}
     probabilities = {
-        names: p for names, (_, p) in posterior.sets.items() if names in sets
+        names: p for names, (_, p) in posterior.present.items() if names in sets
     }
     return EffectClass(
         members=tuple(effect.name for effect in effects),

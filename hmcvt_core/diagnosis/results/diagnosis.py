@@ -8,6 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from ...files import picture, preformatted
+from ..statements.agreement import Agreement
 from .outcome import Outcome
 from .text import report
 
@@ -28,6 +29,9 @@ class Diagnosis(Outcome):
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
             "sets": [_fields(item) for item in self.sets],
+            "members": [_fields(item) for item in self.members],
+            "agreement": _agreement(self.agreement),
+            "scatter": None if self.scatter is None else _fields(self.scatter),
             "classes": [item.to_dict() for item in self.classes],
             "unlisted_probability": self.unlisted,
             "shrinkage": _fields(self.shrinkage),
@@ -68,6 +72,11 @@ class Diagnosis(Outcome):
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())
+
+
+def _agreement(agreement: Agreement) -> dict[str, Any]:
+    looks = [_fields(look) for look in agreement.looks]
+    return {**_fields(agreement), "looks": looks}
 
 
 def _fields(value: Any) -> dict[str, Any]:

@@ -118,12 +118,17 @@ class CauseSet:
         probability: that these effects are present and no others.
         gap_after: as of a `Cause`, with all of them added; None beyond the first five.
         shrinkage: as of a `Cause`, with all of them added; None beyond the first five.
+        alternatives: for each effect the members of its class, which no test distinguishes from
+            it, or its name alone.
+        class_probability: of all sets that differ from it only within classes, itself included.
     """
 
     effects: tuple[str, ...]
     probability: float
     gap_after: float | None
     shrinkage: float | None
+    alternatives: tuple[tuple[str, ...], ...] = ()
+    class_probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -219,8 +224,8 @@ class Outcome:
         advice: what to measure next, or why to stop.
         unlisted: probability that listed effects are not all of the gap.
         misfit: of it, that the base model is a little off and nothing else.
-        lost_power: mean cost of the leading set of causes over the samples [W], or of the gap where
-            no cause is named.
+        lost_power: mean power that the named causes take over the samples [W]; None where none is
+            named, or its form is not known.
         warnings: why the readings may be of another machine, in plain sentences.
         notes: on the data and the search, the warnings first.
         base: the base model refitted to the samples, no effect added.
@@ -237,7 +242,9 @@ class Outcome:
         shared_errors: errors of the meters that readings share, session by session.
         agreement: readings against their stated noise.
         scatter: scatter above its statement that no axis explains, or None.
-        members: effects and classes that are present whatever else is, most probable first.
+        members: effects and classes that may be present whatever else is, most probable first.
+        set_is_settled: whether the leading set, or its class set, is probable as a whole.
+        left_out: samples that stand alone against their neighbours and were left out, in words.
         served: the model that is handed over, saved and served; None for the one with the leading
             set, or the base model where no cause is named.
     """
@@ -254,7 +261,7 @@ class Outcome:
     advice: Advice
     unlisted: float
     misfit: float
-    lost_power: float
+    lost_power: float | None
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     base: Any
@@ -271,6 +278,8 @@ class Outcome:
     agreement: Agreement = NOTHING_STATED
     scatter: ExcessScatter | None = None
     members: tuple[Member, ...] = ()
+    set_is_settled: bool = False
+    left_out: tuple[str, ...] = ()
     served: Any = None
 
     @property
@@ -381,9 +390,19 @@ class Outcome:
         return None
 
     @property
+    def present(self) -> tuple[Member, ...]:
+        """The members that are causes, although others may join them."""
+        return tuple(item for item in self.members if item.is_present)
+
+    @property
     def component(self) -> str | None:
-        """The part in which the leading cause acts."""
-        return self.named.component if self.named else None
+        """The part in which the leading cause acts; None where members of its class differ."""
+        if self.named is None:
+            return None
+        for item in self.members:
+            if self.named.effect in item.effects and self.verdict == "class_found":
+                return item.component
+        return self.named.component
 
     @property
     def model(self) -> Any:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from ..design.advice import named
 from ..design.classes import with_probabilities
+from ..statements.members import Member
 from ..system import Axis
-from ..wording import fixed, listed, percent, plain
+from ..wording import fixed, listed, percent, plain, probability
 from .outcome import Outcome, Region
 
 WIDE_PART = 0.75
@@ -37,16 +38,16 @@ def mechanic(outcome: Outcome) -> str:
     if outcome.warnings:
         return "The readings do not fit this machine: resolve the points below first."
     if outcome.verdict == "no_gap":
-        return "Bench and model agree: nothing to look for."
+        return _no_gap_headline(outcome)
+    if outcome.verdict == "excess_scatter":
+        return _scatter_headline(outcome)
     if outcome.merely_off:
         return "The model is slightly off, smoothly: too little to blame any part."
-    cost = _cost(outcome)
     if outcome.named is None:
-        region = region_words(outcome.where[0], outcome) if outcome.where else ""
-        return f"Something unlisted, {cost}: look at {region or 'the whole range'}."
-    if outcome.named.component == "sensor":
-        cost = "a meter, not a loss"
-    statement = f"{_suspects(outcome)}, {cost}"
+        return f"A loss that is not in the library{_at_largest_gap(outcome)}."
+    statement = f"{_suspects(outcome)}{_cost(outcome)}"
+    if outcome.verdict == "other_form":
+        return f"{statement}, in a form that is not in the library."
     remedies = outcome.advice.measure or outcome.named.remedy
     first_remedy = remedies.split("; or ")[0]
     for remedy in (first_remedy, first_remedy.split(";")[0]):
@@ -56,17 +57,53 @@ def mechanic(outcome: Outcome) -> str:
     return f"{statement}."
 
 
+def _no_gap_headline(outcome: Outcome) -> str:
+    if outcome.left_out:
+        count = len(outcome.left_out)
+        tests = "1 test stands" if count == 1 else f"{count} tests stand"
+        return (
+            f"Bench and model agree, but {tests} apart: repeat before you rely on it."
+        )
+    return "Bench and model agree: nothing to look for."
+
+
+def _scatter_headline(outcome: Outcome) -> str:
+    ratio = f"{outcome.agreement.ratio:.1f} times their stated noise"
+    sensor = "what was not recorded"
+    if outcome.scatter is not None and outcome.scatter.sensor:
+        sensor = outcome.scatter.sensor
+    return f"The readings scatter {ratio}: check that statement, or record {sensor}."
+
+
+def _at_largest_gap(outcome: Outcome) -> str:
+    if not outcome.where:
+        return ""
+    words = region_words(outcome.where[0], outcome)
+    return f", mostly at {words}" if words else ""
+
+
 def _cost(outcome: Outcome) -> str:
+    """Say what the named members cost; nothing where that is not known."""
+    if outcome.named is not None and outcome.named.component == "sensor":
+        return ", a meter, not a loss"
+    if outcome.lost_power is None:
+        return ""
     watts = abs(float(f"{outcome.lost_power:.2g}"))
     if watts < 1.0:
-        return "hardly any power"
+        return ", hardly any power"
     change = "lost" if outcome.lost_power > 0.0 else "gained"
-    return f"about {watts:.0f} W {change} on average"
+    return f", about {watts:.0f} W {change} on average"
 
 
 def _suspects(outcome: Outcome) -> str:
+    """Return the members that are sure; the likeliest sets where none is."""
     leading, *others = outcome.class_sets
-    parts = [listed([plain(name) for name in part]) for part in leading.alternatives]
+    if outcome.verdict == "other_form" or (
+        outcome.verdict != "ambiguous" and not outcome.set_is_settled
+    ):
+        parts = [_one_of(item.effects) for item in outcome.present]
+        return f"Probably {listed(parts, 'and')}"
+    parts = [_one_of(part) for part in leading.alternatives]
     together = listed(parts, "and")
     if outcome.verdict != "ambiguous":
         return f"Probably {together}"
@@ -77,14 +114,16 @@ def _suspects(outcome: Outcome) -> str:
     return f"Perhaps {together}, or others"
 
 
+def _one_of(names: Sequence[str]) -> str:
+    return listed([plain(name) for name in names])
+
+
 def verdict(outcome: Outcome) -> str:
-    """Return the outcome in a sentence or two."""
+    """Return the outcome in a few sentences."""
     if outcome.verdict == "no_gap":
-        return (
-            f"No gap is seen: with its base parameters refitted, the model differs from the "
-            f"{outcome.gap.samples} samples by no more than their noise of "
-            f"{amount(outcome, outcome.gap.noise)} explains."
-        )
+        return _no_gap(outcome)
+    if outcome.verdict == "excess_scatter":
+        return _excess_scatter(outcome)
     difference = _difference(outcome)
     if outcome.merely_off:
         return (
@@ -92,26 +131,40 @@ def verdict(outcome: Outcome) -> str:
             "smoothly: less than a cause would need, and none is named."
         )
     if outcome.verdict == "unexplained" or not outcome.causes:
-        return (
-            f"{difference}. No effect in the library explains it by itself"
-            f"{_best_listed(outcome)}."
-        )
-    sentences = [
-        f"{difference}; {_explanation(outcome)}.",
-        *_classes(outcome),
-        _removed(outcome),
-    ]
+        return f"{difference}. No effect in the library explains it by itself."
+    sentences = [f"{difference}; {_explanation(outcome)}.", *_classes(outcome)]
+    if outcome.verdict != "other_form":
+        sentences.append(_removed(outcome))
     return " ".join(sentences)
 
 
-def _best_listed(outcome: Outcome) -> str:
-    fraction = outcome.shrinkage.fraction or 0.0
-    if fraction <= 0.0:
-        return ""
-    return (
-        f": the most probable set removes {percent(fraction)} of the squared gap in "
-        f"{plain(outcome.channel.name)}"
+def _no_gap(outcome: Outcome) -> str:
+    sentence = (
+        f"No gap is seen: with its base parameters refitted, the model differs from the "
+        f"{outcome.gap.samples} samples by no more than their noise of "
+        f"{amount(outcome, outcome.gap.noise)} explains."
     )
+    if outcome.left_out:
+        sentence += (
+            f" Left out as single tests that stand apart: {listed(outcome.left_out, 'and')}. If "
+            "they repeat, an effect may begin there."
+        )
+    return sentence
+
+
+def _excess_scatter(outcome: Outcome) -> str:
+    agreement = outcome.agreement
+    sentence = (
+        f"No gap along any axis is seen, but the readings scatter {agreement.ratio:.2g} times as "
+        f"much as the noise that was stated ({outcome.gap.noise_source})"
+    )
+    parts = [f"{look.part} ({look.ratio:.2g} times)" for look in agreement.looks[:2]]
+    parts = [part for part in parts if not part.startswith(" ")]
+    if parts:
+        sentence += f", most clearly in {listed(parts, 'and')}"
+    if outcome.scatter is None:
+        return f"{sentence}."
+    return f"{sentence}. {outcome.scatter.sentence}"
 
 
 def _difference(outcome: Outcome) -> str:
@@ -120,7 +173,7 @@ def _difference(outcome: Outcome) -> str:
     beyond = f"Bench and model differ by {size} beyond the noise"
     region = outcome.significant_region
     if region is None:
-        return f"{beyond}, and no single region stands out"
+        return beyond
     words = region_words(region, outcome)
     if region.channel != outcome.channel.name:
         at = f" at {words}" if words else ""
@@ -165,28 +218,38 @@ def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
 
 
 def _explanation(outcome: Outcome) -> str:
-    """Say which sets explain the gap."""
+    """Say which sets explain the gap, or which members do while their company is open."""
     class_sets = outcome.class_sets
     leading = class_sets[0]
-    if outcome.verdict == "cause_found":
+    if outcome.verdict == "other_form":
+        members = [_with_probability(item) for item in outcome.present]
+        return f"{listed(members, 'and')} makes most of it, although no form in the library fits"
+    if outcome.verdict != "ambiguous" and outcome.set_is_settled:
         verb = "explain" if len(leading.alternatives) > 1 else "explains"
         (first,) = with_probabilities([leading], _WITH_PROBABILITY)
         return f"{first} {verb} it"
-    if leading.probability < OUTSTANDING_PROBABILITY:
-        sets = with_probabilities(class_sets[:3], _WITH_PROBABILITY)
-        return (
-            f"several sets of causes remain possible, among them {listed(sets, 'and')}"
-        )
     mentioned = [
         item for item in class_sets if item.probability >= MENTIONED_PROBABILITY
     ]
-    best, *others = with_probabilities(
-        mentioned[:MOST_MENTIONED_SETS], _WITH_PROBABILITY
-    )
+    sets = with_probabilities(mentioned[:MOST_MENTIONED_SETS], _WITH_PROBABILITY)
+    if outcome.verdict != "ambiguous":
+        members = [_with_probability(item) for item in outcome.present]
+        verb = "are" if len(members) > 1 else "is"
+        return (
+            f"{listed(members, 'and')} {verb} part of the cause; which others join is open: "
+            f"{listed(sets)}"
+        )
+    if leading.probability < OUTSTANDING_PROBABILITY:
+        return f"several sets of causes remain possible, among them {listed(sets[:3], 'and')}"
+    best, *others = sets
     rivals = listed(others) or named(())
     return (
         f"{best} explains it best, but these data cannot distinguish it from {rivals}"
     )
+
+
+def _with_probability(member: Member) -> str:
+    return f"{_one_of(member.effects)} ({probability(member.probability)})"
 
 
 def _classes(outcome: Outcome) -> list[str]:

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..analysis import Analysis, model_of, parameter_covariance, rms
+from ..analysis import Analysis, model_of, rms
 from ..detection.regions import covering
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
@@ -23,6 +25,7 @@ from ..settings import (
     ROUNDING,
     SIZE_SPREADS,
 )
+from ..statements.members import Member, lost_power
 from ..system import Array, BaseParameters, Effect
 from .outcome import (
     NAMING,
@@ -59,7 +62,7 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
     fit = explanation.served_fit
     index = [effect.name for effect in fit.effects].index(name)
     effect = fit.effects[index]
-    errors = np.sqrt(np.diagonal(parameter_covariance(explanation)))
+    errors = np.sqrt(np.diagonal(explanation.parameter_covariance))
     size_error = float(errors[fit.hypothesis.base_count + index])
     shrinkage = validation.shrinkage(explanation)
     partners = [other for other in explanation.names if other != name]
@@ -172,7 +175,7 @@ def parameters_of(explanation: Explanation, fit: Fit) -> dict[str, ParameterEsti
         fit: gives the values.
     """
     base: BaseParameters = fit.hypothesis.system.base
-    errors = np.sqrt(np.diagonal(parameter_covariance(explanation)))
+    errors = np.sqrt(np.diagonal(explanation.parameter_covariance))
     values = base.values(fit.base)
     estimates = {}
     for i, name in enumerate(base.names):
@@ -190,13 +193,26 @@ def sets_of(analysis: Analysis, validation: CrossValidation) -> tuple[CauseSet, 
     """Return the sets of effects, most probable first, the first five with their shrinkage."""
     if not analysis.significant:
         return ()
+    class_set_of = {}
+    for class_set in analysis.class_sets:
+        for names in class_set.sets:
+            class_set_of[names] = class_set
     sets: list[CauseSet] = []
     for names, (explanation, probability) in analysis.posterior.sets.items():
+        class_set = class_set_of[names]
+        entry = CauseSet(
+            names,
+            probability,
+            None,
+            None,
+            class_set.alternatives,
+            class_set.probability,
+        )
         if len(sets) < LEADING_SETS:
             shrinkage = validation.shrinkage(explanation)
-            entry = CauseSet(names, probability, shrinkage.after, shrinkage.fraction)
-        else:
-            entry = CauseSet(names, probability, None, None)
+            entry = replace(
+                entry, gap_after=shrinkage.after, shrinkage=shrinkage.fraction
+            )
         sets.append(entry)
     return tuple(sets)
 
@@ -232,26 +248,28 @@ def _region(analysis: Analysis, box: int) -> Region:
     )
 
 
-def lost_power_of(analysis: Analysis, verdict: str) -> float:
-    """Return the mean power that the leading set takes over the samples [W].
+def lost_power_of(
+    analysis: Analysis, members: Sequence[Member], verdict: str, settled: bool
+) -> float | None:
+    """Return the mean power that the named causes take over the samples [W].
 
-    Where no cause is named it is that of the gap, over the samples at which the gap is large.
+    Args:
+        analysis: of the campaign.
+        members: that may be present.
+        verdict: as of the diagnosis.
+        settled: whether the leading set is settled as a whole.
+
+    Returns:
+        None where no cause is named, or the power of one is not known.
     """
-    base = analysis.base
-    points = base.observed.points
-    system = base.hypothesis.system
-    if verdict in NAMING:
+    if verdict not in NAMING or verdict == "other_form":
+        return None
+    if settled or verdict == "ambiguous":
         leading, _ = analysis.leading
-        fit = leading.served_fit
-        without_effects = system.predict(fit.base, (), points)[0]
-        with_effects = fit.hypothesis.predict(fit.theta, points)[0]
-        return float(np.mean(system.lost_power(points, without_effects, with_effects)))
-    expected = system.predict(base.base, (), points)[0]
-    gap, _ = analysis.expected_gap
-    lost = system.lost_power(points, expected, expected + gap)
-    answered = np.isfinite(gap)
-    large = np.abs(gap) >= rms(gap[answered])
-    return float(np.mean(lost[answered & large]))
+        return lost_power(leading, leading.names)
+    of_members = [item.lost_power for item in members if item.is_present]
+    known = [power for power in of_members if power is not None]
+    return sum(known) if len(known) == len(of_members) else None
 
 
 def shared_errors_of(analysis: Analysis) -> tuple[SharedErrorEstimate, ...]:

@@ -12,6 +12,7 @@ from ..design.advice import Advice, NextTest, point_in_words
 from ..design.advice import named as named
 from ..design.classes import with_probabilities
 from ..settings import GAP_SIGNIFICANCE
+from ..statements.members import Member
 from ..system import Array
 from ..wording import AT_MOST as AT_MOST
 from ..wording import MINUS as MINUS
@@ -166,7 +167,12 @@ def _cause_lines(outcome: Outcome) -> list[str]:
     ][:REPORTED_SETS]
     sets = with_probabilities(reported, "{0} {1}")
     sets.append(f"something unlisted {probability(outcome.unlisted)}")
-    lines = [f"sets       {', '.join(sets)}", "causes     probability over all sets"]
+    members = [_member_in_words(item) for item in outcome.members]
+    lines = [
+        f"members    {'; '.join(members)}",
+        f"sets       {', '.join(sets)}",
+        "causes     probability over all sets",
+    ]
     for cause in outcome.causes[:DETAILED_CAUSES]:
         lines += _one_cause(cause)
     others = [
@@ -176,6 +182,18 @@ def _cause_lines(outcome: Outcome) -> list[str]:
     if others:
         lines.append(f"  less probable: {', '.join(others)}")
     return lines
+
+
+def _member_in_words(member: Member) -> str:
+    """Return a member with its probability and its power."""
+    names = listed([plain(name) for name in member.effects])
+    words = f"{names} {probability(member.probability)}"
+    if not member.form_fits:
+        return f"{words}, in no form of the library"
+    if member.lost_power is None:
+        return words
+    watts = float(f"{member.lost_power:.2g}")
+    return f"{words}, {fixed(watts, 0)} W"
 
 
 def _meter_lines(outcome: Outcome) -> list[str]:

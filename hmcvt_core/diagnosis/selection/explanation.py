@@ -28,6 +28,7 @@ from ..settings import (
     EXPLAINED_BY_SET,
     EXTRA_DISCREPANCY_PART,
     FORM_ALLOWANCES,
+    INTERVAL_DEVIATIONS,
     LEAST_BEND_MATCH,
     MISSED_PART,
     NO_ANSWER,
@@ -59,6 +60,7 @@ class Explanation:
         families: numbers of the families of `allowed_columns` that are likeliest to be present.
         bend: name of the effect that is no cause but a bend of the forms of the others; empty for
             none.
+        absent: names of the effects whose size is zero within its error: they are no causes.
         scatters: whether noise above its statement is an unlisted loss.
     """
 
@@ -70,12 +72,33 @@ class Explanation:
     families: tuple[int, ...] = ()
     bend: str = ""
     scatters: bool = False
+    absent: tuple[str, ...] = ()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the effects that are causes, sorted."""
+        no_causes = (self.bend, *self.absent)
         effects = self.fit.hypothesis.effects
-        return tuple(sorted(item.name for item in effects if item.name != self.bend))
+        return tuple(
+            sorted(item.name for item in effects if item.name not in no_causes)
+        )
+
+    @cached_property
+    def parameter_covariance(self) -> Array:
+        """Covariance of base parameters and sizes at the fitted shapes, shape (p, p).
+
+        With shapes free, a size could take any value that keeps the loss.
+        """
+        hypothesis = self.fit.hypothesis
+        kept = [*range(hypothesis.base_count), *hypothesis.size_indices]
+        information = np.linalg.inv(self.plain_model.covariance)
+        return np.asarray(np.linalg.inv(information[np.ix_(kept, kept)]))
+
+    @property
+    def size_errors(self) -> Array:
+        """Standard errors of the sizes, in typical sizes, shape (effects,)."""
+        variances = np.diagonal(self.parameter_covariance)
+        return np.sqrt(variances[self.fit.hypothesis.base_count :])
 
     @cached_property
     def served_fit(self) -> Fit:
@@ -115,6 +138,11 @@ class Explanation:
         without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
         by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
         return float(without_extra * by_forms)
+
+    def extra_part(self, base_only: Explanation) -> float:
+        """Return the part of the squared change that an extra discrepancy makes, 0 to 1."""
+        extra_part, _ = self._parts_not_explained(base_only)
+        return min(extra_part, 1.0)
 
     def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the parts of the squared change by an extra discrepancy, and that the set misses.
@@ -245,6 +273,18 @@ def _change_of_size_priors(
         scales,
         signs,
     )
+
+
+def without_absent(explanation: Explanation) -> Explanation:
+    """Return an explanation in which no effect is a cause whose interval holds zero."""
+    fit = explanation.fit
+    reach = INTERVAL_DEVIATIONS * explanation.size_errors
+    is_absent = np.abs(fit.sizes) <= reach
+    absent = []
+    for effect, no_cause in zip(fit.hypothesis.effects, is_absent, strict=True):
+        if no_cause:
+            absent.append(effect.name)
+    return replace(explanation, absent=tuple(absent))
 
 
 def with_bends(explanation: Explanation) -> list[Explanation]:

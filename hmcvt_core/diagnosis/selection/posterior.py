@@ -43,6 +43,7 @@ from .explanation import (
     scattered,
     smooth_discrepancies,
     with_bends,
+    without_absent,
 )
 from .screen import screen
 from .search import Names, distinct, search
@@ -68,18 +69,21 @@ class Posterior:
 
     @cached_property
     def sets(self) -> dict[Names, Weighted]:
-        """Refit and probability of each set of listed effects, most probable first."""
-        totals: dict[Names, Weighted] = {}
-        # A set without a discrepancy stands for its names.
-        for explanation, p in sorted(
-            self.entries, key=lambda entry: not entry[0].is_listed_set
-        ):
+        """Refit and probability of each set of effects that is all of the gap, likeliest first."""
+        fractions = []
+        for explanation, p in self.entries:
             fraction = explanation.explained_fraction(self.base_only)
-            if fraction:
-                names = explanation.names
-                first, total = totals.get(names, (explanation, 0.0))
-                totals[names] = (first, total + fraction * p)
-        return dict(sorted(totals.items(), key=lambda item: -item[1][1]))
+            fractions.append((explanation, fraction * p))
+        return _by_names(fractions)
+
+    @cached_property
+    def present(self) -> dict[Names, Weighted]:
+        """Refit and probability of each set of effects, with or without an unlisted loss."""
+        entries = []
+        for explanation, p in self.entries:
+            if not explanation.fit.hypothesis.reversed_sign:
+                entries.append((explanation, p))
+        return _by_names(entries)
 
     @cached_property
     def unlisted(self) -> float:
@@ -98,10 +102,8 @@ class Posterior:
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
         totals: dict[str, float] = {}
-        for explanation, p in self.entries:
-            if explanation.fit.hypothesis.reversed_sign:
-                continue
-            for name in explanation.names:
+        for names, (_, p) in self.present.items():
+            for name in names:
                 totals[name] = totals.get(name, 0.0) + p
         # Equally probable effects come in the order of their names.
         ranked = sorted(totals.items(), key=lambda item: (-min(1.0, item[1]), item[0]))
@@ -167,6 +169,25 @@ class Posterior:
         return mean, np.sqrt(variance)
 
 
+def _by_names(entries: Sequence[Weighted]) -> dict[Names, Weighted]:
+    """Return refit and probability of each set of names, likeliest first.
+
+    An explanation of these effects and nothing else stands for its names.
+    """
+
+    def holds_more(entry: Weighted) -> tuple[bool, bool]:
+        explanation, _ = entry
+        return not explanation.is_listed_set, bool(explanation.absent)
+
+    totals: dict[Names, Weighted] = {}
+    for explanation, p in sorted(entries, key=holds_more):
+        names = explanation.names
+        if names and p:
+            first, total = totals.get(names, (explanation, 0.0))
+            totals[names] = (first, total + p)
+    return dict(sorted(totals.items(), key=lambda item: -item[1][1]))
+
+
 def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     """Find the competing explanations of a gap, and their probabilities.
 
@@ -191,6 +212,7 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     explanations = [explanation for explanation, _ in competing]
     log_weights = np.array([log_weight for _, log_weight in competing])
     probabilities = _bagged(explanations, log_weights, base.observed, seed)
+    explanations = [without_absent(explanation) for explanation in explanations]
     entries = zip(explanations, probabilities.tolist(), strict=True)
     prior_odds = math.log(PRIOR_NO_GAP / (1.0 - PRIOR_NO_GAP))
     log_odds = prior_odds + base_only.log_evidence - logsumexp(log_weights)

@@ -1,11 +1,21 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Statement: which effects are present, whatever else is."""
+"""Statement: which effects are present, whatever else is.
+
+The inclusion probability of an effect is the sum over all explanations that hold it as a cause,
+with or without an unlisted loss (Barbieri & Berger 2004, Ann. Stat. 32, 870). It may be high where
+no exact set is probable.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from ..analysis import Analysis
+from ..selection.explanation import Explanation
 from ..selection.search import Names
+from ..settings import LIKELY, MOST_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
 
 
 @dataclass(frozen=True)
@@ -30,3 +40,71 @@ class Member:
     def is_class(self) -> bool:
         """Whether no test distinguishes it from others."""
         return len(self.effects) > 1
+
+    @property
+    def is_present(self) -> bool:
+        """Whether it is a cause, although others may join it."""
+        return self.probability >= PRESENT_PROBABILITY
+
+
+def members_of(analysis: Analysis) -> tuple[Member, ...]:
+    """Return the effects and classes that may be present, most probable first.
+
+    Args:
+        analysis: of a campaign; without a gap there are none.
+    """
+    if not analysis.significant:
+        return ()
+    in_classes: set[str] = set()
+    members = []
+    for effect_class in analysis.classes:
+        members.append(_of_effects(analysis, effect_class.members))
+        in_classes.update(effect_class.members)
+    for name in analysis.posterior.effects:
+        if name not in in_classes:
+            members.append(_of_effects(analysis, (name,)))
+    probable = [item for item in members if item.probability >= REPORTED_MEMBER]
+    probable.sort(key=lambda item: -item.probability)
+    return tuple(probable[:MOST_MEMBERS])
+
+
+def _of_effects(analysis: Analysis, effects: Names) -> Member:
+    """Return the member that any of some effects makes; several of them in one set count once.
+
+    Args:
+        analysis: of a campaign.
+        effects: names, at least one of them in an explanation.
+    """
+    probability = 0.0
+    listed = 0.0
+    likeliest: Explanation | None = None
+    for names, (explanation, p) in analysis.posterior.present.items():
+        if set(effects).isdisjoint(names):
+            continue
+        likeliest = likeliest or explanation
+        probability += p
+        _, as_whole = analysis.posterior.sets.get(names, (explanation, 0.0))
+        listed += as_whole
+    assert likeliest is not None
+    form_fits = listed > LIKELY * probability
+    system = analysis.base.hypothesis.system
+    components = {item.component for item in system.library if item.name in effects}
+    return Member(
+        effects=effects,
+        component=components.pop() if len(components) == 1 else None,
+        probability=min(probability, 1.0),
+        form_fits=form_fits,
+        lost_power=lost_power(likeliest, effects) if form_fits else None,
+    )
+
+
+def lost_power(explanation: Explanation, names: Names) -> float:
+    """Return the mean power that some effects of a set take over its samples [W]."""
+    fit = explanation.served_fit
+    points = fit.observed.points
+    system = fit.hypothesis.system
+    others = [effect for effect in fit.effects if effect.name not in names]
+    without = system.predict(fit.base, others, points)[0]
+    with_effects = system.predict(fit.base, fit.effects, points)[0]
+    lost = system.lost_power(points, without, with_effects)
+    return float(np.mean(lost[np.isfinite(lost)]))

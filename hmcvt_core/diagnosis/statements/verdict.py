@@ -1,34 +1,141 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The verdict of a diagnosis."""
+"""The statements of a diagnosis in one word, with notes on why it is no stronger.
+
+| verdict | rule |
+|---|---|
+| `no_gap` | no gap, and the readings agree with their stated noise or nothing was stated |
+| `excess_scatter` | no gap along any axis, but scatter above its statement |
+| `cause_found` | one set is settled, or a member is present whatever its company |
+| `class_found` | the same of a class of effects that no test distinguishes |
+| `other_form` | a member is present and makes most of the change, but no listed form fits |
+| `ambiguous` | listed effects explain the gap, and these readings do not tell which |
+| `unexplained` | they do not, or the base model is slightly off and nothing else |
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from ..analysis import Analysis
+from ..fitting.refit import Fit
+from ..selection.explanation import Explanation
 from ..settings import (
+    AT_BOUND_PART,
     CAUSE_FOUND_PROBABILITY,
     LIKELY,
+    OTHER_FORM_PART,
 )
 from ..wording import plain
+from .agreement import Agreement
+from .members import Member
+
+Verdict = tuple[str, tuple[str, ...]]
+"""The word, and notes."""
 
 
-def verdict_of(analysis: Analysis) -> tuple[str, tuple[str, ...]]:
-    """Return the verdict, and notes on why no cause, or no more than a set, is named."""
+def verdict_of(
+    analysis: Analysis, agreement: Agreement, members: Sequence[Member]
+) -> Verdict:
+    """Return the verdict, and notes on why no cause, or no more than a set, is named.
+
+    Args:
+        analysis: of the campaign.
+        agreement: of the readings with their stated noise.
+        members: that may be present, most probable first.
+    """
     if not analysis.significant:
-        return "no_gap", _why_no_gap(analysis)
+        word = "no_gap" if agreement.holds else "excess_scatter"
+        return word, _why_no_gap(analysis)
+    present = [item for item in members if item.is_present]
+    if analysis.posterior.unlisted > LIKELY:
+        return _not_explained(analysis, present)
+    notes = (*_bend_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
+    doubts = _doubts(analysis.leading[0])
+    if doubts:
+        return "ambiguous", (*notes, *doubts)
+    return _explained(analysis, present), notes
+
+
+def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Verdict:
+    """Return the verdict where listed effects are not all of the gap."""
     posterior = analysis.posterior
-    if posterior.unlisted > LIKELY:
-        if posterior.misfit > posterior.unlisted / 2.0:
-            note = (
-                "the base model is slightly off, smoothly: less than a cause would need"
-            )
-        else:
-            note = "no set of listed effects explains the gap: look at the regions"
+    if posterior.misfit > posterior.unlisted / 2.0:
+        note = "the base model is slightly off, smoothly: less than a cause would need"
         return "unexplained", (note,)
+    if present and _part_of_change(analysis, present[0]) >= OTHER_FORM_PART:
+        names = " or ".join(map(plain, present[0].effects))
+        note = (
+            f"{names} makes most of the change, but no form in the library fits: compare the law "
+            "with the residuals"
+        )
+        return "other_form", (note,)
+    return "unexplained", ("no set of listed effects explains the gap",)
+
+
+def _explained(analysis: Analysis, present: Sequence[Member]) -> str:
+    """Return the verdict where listed effects explain the gap."""
+    if set_is_settled(analysis):
+        parts = analysis.leading_class_set.alternatives
+        has_class = any(len(names) > 1 for names in parts)
+        return "class_found" if has_class else "cause_found"
+    if not present:
+        return "ambiguous"
+    return "class_found" if present[0].is_class else "cause_found"
+
+
+def set_is_settled(analysis: Analysis) -> bool:
+    """Whether the leading set, or its class set, is probable and has no rival of its size."""
+    if not analysis.significant or not analysis.posterior.sets:
+        return False
     probability = analysis.leading_class_set.probability
-    verdict = "ambiguous"
-    if probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis):
-        verdict = "cause_found"
-    return verdict, (*_bend_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
+    return probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis)
+
+
+def _part_of_change(analysis: Analysis, member: Member) -> float:
+    """Return the part of the squared change from the base model that a member makes."""
+    for names, (explanation, _) in analysis.posterior.present.items():
+        if not set(member.effects).isdisjoint(names):
+            return 1.0 - explanation.extra_part(analysis.posterior.base_only)
+    return 0.0
+
+
+def _doubts(leading: Explanation) -> tuple[str, ...]:
+    """Say which fitted values of a set stand at the bounds of what is physical."""
+    fit = leading.served_fit
+    notes = []
+    for effect in fit.effects:
+        if effect.name not in leading.names:
+            continue
+        for item in effect.parameters():
+            value = effect.values()[item.name]
+            if item.is_size and _at_bound(value, item.low, item.high):
+                notes.append(
+                    f"{plain(effect.name)}: {plain(item.name)} = {value:.3g} {item.unit} is at "
+                    "the bound of what is physical, so it may stand for something else"
+                )
+    for name in _base_at_bound(fit):
+        notes.append(
+            f"{plain(name)} of the base model is at its bound with the cause in it, so the cause "
+            "may stand for something else"
+        )
+    return tuple(notes)
+
+
+def _at_bound(value: float, low: float, high: float) -> bool:
+    """Whether a size is at a bound; at a bound of zero it is absent, which is no doubt."""
+    near = AT_BOUND_PART * (high - low)
+    return value > high - near or (low != 0.0 and value < low + near)
+
+
+def _base_at_bound(fit: Fit) -> list[str]:
+    """Return the names of the base parameters at a bound."""
+    base = fit.hypothesis.system.base
+    with np.errstate(invalid="ignore"):
+        near = AT_BOUND_PART * np.minimum(base.high - base.low, 1.0)
+    at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
+    return [base.names[i] for i in np.flatnonzero(at_bound)]
 
 
 def _bend_of_the_model(analysis: Analysis) -> tuple[str, ...]:
@@ -45,11 +152,12 @@ def _bend_of_the_model(analysis: Analysis) -> tuple[str, ...]:
 
 def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
     """Say that an unlisted loss is present in addition to the leading set."""
-    if not _leads_with_discrepancy(analysis):
+    first, _ = analysis.posterior.entries[0]
+    if first.discrepancy is None:
         return ()
-    return (
-        "a smaller loss that is not in the library is present too: look at the regions",
-    )
+    if first.explained_fraction(analysis.posterior.base_only) <= LIKELY:
+        return ()
+    return ("a smaller loss that is not in the library is present too",)
 
 
 def _why_no_gap(analysis: Analysis) -> tuple[str, ...]:
@@ -79,11 +187,3 @@ def _has_rival(analysis: Analysis) -> bool:
         if explanation.log_evidence > leading.log_evidence - margin:
             return True
     return False
-
-
-def _leads_with_discrepancy(analysis: Analysis) -> bool:
-    """Whether the likeliest explanation is a listed set and a smaller unlisted loss."""
-    first, _ = analysis.posterior.entries[0]
-    if first.discrepancy is None:
-        return False
-    return first.explained_fraction(analysis.posterior.base_only) > LIKELY
