@@ -28,6 +28,8 @@ from .settings import (
 )
 from .system import Array, Axis, Channel, Points
 
+REPEATED_POINTS = "repeated points"
+"""Source of a noise that repeated points show."""
 SESSION = "session"
 """Key of `Observations.points` under which the sessions of the samples are numbered."""
 
@@ -239,7 +241,7 @@ def _stated_noise(
     repeats = pure_error(replicate_groups(axes, points), measured)
     if repeats is not None:
         deviation, degrees_of_freedom = repeats
-        return np.full(n, deviation), degrees_of_freedom, "repeated points"
+        return np.full(n, deviation), degrees_of_freedom, REPEATED_POINTS
     return channel.deviation(measured), PRIOR_DOF_ASSUMED, None
 
 

@@ -35,8 +35,9 @@ from .results.summary import (
     shared_errors_of,
 )
 from .selection.posterior import compute_posterior
-from .statements.agreement import NOTHING_STATED
+from .statements.agreement import Agreement, agreement_of
 from .statements.members import members_of
+from .statements.scatter import ExcessScatter, excess_scatter
 from .statements.verdict import set_is_settled, verdict_of
 from .system import Points, System
 
@@ -108,10 +109,11 @@ def _summarise(
     base_only = posterior.base_only
     observed = base_only.fit.observed
     system = base_only.fit.hypothesis.system
-    agreement = NOTHING_STATED
+    agreement = agreement_of(base_only.fit)
     members = members_of(analysis)
     verdict, verdict_notes = verdict_of(analysis, agreement, members)
     settled = set_is_settled(analysis)
+    scatter = _scatter_of(analysis, agreement, verdict)
     residuals = validation.base_errors
     residuals_after = residuals
     base_parameters = parameters_of(base_only, base_only.fit)
@@ -161,9 +163,22 @@ def _summarise(
         seed=analysis.seed,
         shared_errors=shared_errors_of(analysis),
         agreement=agreement,
+        scatter=scatter,
         members=members,
         set_is_settled=settled,
     )
+
+
+def _scatter_of(
+    analysis: Analysis, agreement: Agreement, verdict: str
+) -> ExcessScatter | None:
+    """Return the scatter above its statement that is left once a named set is added."""
+    if not analysis.significant or verdict == "excess_scatter":
+        return excess_scatter(analysis.base, agreement)
+    if verdict not in NAMING or verdict == "other_form":
+        return None
+    leading, _ = analysis.leading
+    return excess_scatter(leading.fit, agreement_of(leading.fit))
 
 
 def next_test(

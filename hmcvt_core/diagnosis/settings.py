@@ -356,6 +356,36 @@ MOST_REGIONS = 5
 Source: length of the report.
 """
 
+AGREEMENT_LEVEL = 0.02
+"""Family-wise p value up to which readings disagree with their stated noise.
+
+Source: as `GAP_SIGNIFICANCE`.
+"""
+
+NOISE_STATEMENT_TOLERANCE = 1.1
+"""Ratio of true to stated noise up to which a statement holds.
+
+Source: a standard deviation from fifty readings is known to 10 % (JCGM 100:2008, table E.1).
+"""
+
+SCATTER_AMPLITUDES = (0.3, 1.0, 3.0, 10.0, 30.0)
+"""Amplitudes of a quantity that was not recorded, in stated deviations of a reading.
+
+Source: chosen, a factor of three apart; below, nothing shows, above, no bench would be used.
+"""
+
+SCATTER_TIMES = (120.0, 400.0, 1200.0, 3600.0, 10800.0, 32400.0)
+"""Times over which such a quantity varies [s].
+
+Source: chosen, a factor of three apart, from minutes to a working day.
+"""
+
+SCATTER_SAMPLES = 300
+"""Most samples whose scatter is attributed.
+
+Source: limit of computing time.
+"""
+
 # --- discrepancy ----------------------------------------------------------------------------
 
 SIZE_SPREADS = (0.5, 1.5, 5.0)
@@ -531,8 +561,13 @@ Source: convention. On development campaigns of listed effects 31 of 36 such mem
 """
 
 REPORTED_MEMBER = 0.05
+"""Inclusion probability from which a member is reported.
+
+Source: length of the report.
+"""
+
 MOST_MEMBERS = 6
-"""Members that are reported: how probable at least, and how many at most.
+"""Most members that are reported.
 
 Source: length of the report.
 """

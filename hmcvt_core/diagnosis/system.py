@@ -99,6 +99,22 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False)
+class Unrecorded:
+    """A quantity that may vary although nothing records it.
+
+    Attributes:
+        name: in words.
+        sensor: what to record to see it, in words.
+        change: of every reading by a change of the quantity, in the units of the channels, shape
+            (channels, n).
+    """
+
+    name: str
+    sensor: str
+    change: Array
+
+
+@dataclass(frozen=True, eq=False)
 class BaseParameters:
     """The parameters that every hypothesis refits, in scaled variables of shape (p,).
 

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hmcvt_core.diagnosis.results.verdict import verdict_of
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
@@ -23,6 +22,8 @@ from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.selection.posterior import Posterior
+from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
+from hmcvt_core.diagnosis.statements.verdict import verdict_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import (
     BearingDrag,
@@ -65,7 +66,12 @@ def _posterior(*sets, model=BASE):
         ]
         explanation = SimpleNamespace(
             names=tuple(sorted(effect.name for effect in effects)),
-            fit=SimpleNamespace(effects=effects, sizes=np.array(sizes)),
+            absent=(),
+            fit=SimpleNamespace(
+                effects=effects,
+                sizes=np.array(sizes),
+                hypothesis=SimpleNamespace(reversed_sign=False),
+            ),
             is_base_discrepancy=False,
             is_listed_set=True,
             explained_fraction=lambda base_only: 1.0,
@@ -166,9 +172,14 @@ def test_sets_that_differ_by_members_of_a_class_are_merged():
 
 @pytest.mark.parametrize(
     ("classes", "verdict"),
-    [((), "ambiguous"), ((_class(("b", "a"), ("a",), ("b",)),), "cause_found")],
+    [((), "ambiguous"), ((_class(("b", "a"), ("a",), ("b",)),), "class_found")],
 )
 def test_a_class_is_a_cause(classes, verdict):
+    base = SimpleNamespace(names=(), low=np.array([]), high=np.array([]))
+    system = SimpleNamespace(base=base)
+    fit = SimpleNamespace(
+        effects=(), base=np.array([]), hypothesis=SimpleNamespace(system=system)
+    )
     posterior = Posterior(
         tuple(
             (
@@ -179,6 +190,8 @@ def test_a_class_is_a_cause(classes, verdict):
                     log_evidence=0.0,
                     discrepancy=None,
                     bend="",
+                    absent=(),
+                    served_fit=fit,
                 ),
                 p,
             )
@@ -197,7 +210,7 @@ def test_a_class_is_a_cause(classes, verdict):
         leading=leading,
         leading_class_set=class_sets[0],
     )
-    assert verdict_of(analysis) == (verdict, ())
+    assert verdict_of(analysis, NOTHING_STATED, ()) == (verdict, ())
 
 
 def test_advice_does_not_choose_tests_between_twins():
@@ -221,7 +234,7 @@ def test_diagnosis_names_a_class_once():
     (effects,) = found.classes
     assert set(effects.members) == CONSTANT_TORQUE
     assert effects.members[0] == "torque_sensor"
-    assert found.verdict == "cause_found"
+    assert found.verdict == "class_found"
     leading = found.class_sets[0]
     assert set(leading.alternatives) == {("pressure_leakage",), effects.members}
     assert leading.probability > 0.9 > found.sets[0].probability

@@ -155,7 +155,7 @@ def test_second_effect_next_to_a_large_one(other, stroke, exponent, noise, seed,
 
 def test_substitute_for_one_of_two():
     found = diagnosed("a twin and another")
-    assert found.verdict in ("cause_found", "ambiguous")
+    assert found.verdict in ("class_found", "ambiguous")
     assert "pressure_leakage" in {found.causes[0].effect, found.causes[0].together_with}
     beside = [
         cause for cause in found.causes if cause.together_with == "pressure_leakage"
@@ -249,6 +249,9 @@ def test_json_of_the_contract(name):
         "notes",
         "parameters",
         "shared_errors",
+        "members",
+        "agreement",
+        "scatter",
         "seed",
     }
     assert data["verdict"] in ("no_gap", "cause_found", "ambiguous", "unexplained")
@@ -372,7 +375,7 @@ def test_report_says_it_shortly_in_words(name):
 
 
 @pytest.mark.parametrize(
-    ("part", "verdict"), [(0.4, "cause_found"), (1.5, "unexplained")]
+    ("part", "verdict"), [(0.4, "cause_found"), (1.5, "other_form")]
 )
 def test_small_loss_next_to_a_set(part, verdict):
     found = hmcvt.diagnose(

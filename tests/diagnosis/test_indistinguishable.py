@@ -31,6 +31,9 @@ def _posterior(*sets):
             names=tuple(text.rstrip("*").split("+")),
             is_base_discrepancy=False,
             is_listed_set=not starred,
+            absent=(),
+            scatters=False,
+            fit=SimpleNamespace(hypothesis=SimpleNamespace(reversed_sign=False)),
             explained_fraction=lambda bare, starred=starred: 0.5 if starred else 1.0,
         )
         entries.append((explanation, probability))

@@ -112,7 +112,7 @@ def test_where_it_lies():
         ),
         (
             _region((80.0, 110.0), p_value=0.06),
-            beyond + "and no single region stands out.",
+            beyond.removesuffix(", ") + ".",
         ),
     ):
         assert words.verdict(replace(found, where=(region,))).startswith(start)
@@ -137,6 +137,8 @@ def test_verdicts():
         verdict="cause_found",
         causes=(alone,),
         sets=(one,),
+        set_is_settled=True,
+        lost_power=400.0,
         shrinkage=replace(
             band.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"
         ),

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...diagnosis.observations import SESSION
-from ...diagnosis.system import Array, Axis, Case, Channel, Points
+from ...diagnosis.system import Array, Axis, Case, Channel, Points, Unrecorded
 from ...diagnosis.system import Effect as AnyEffect
 from ...errors import InputError
 from ...files.bench import BenchSamples
@@ -33,6 +33,7 @@ from .channels import (
     OIL_TEMPERATURE,
     STAGE,
 )
+from .unrecorded import unrecorded
 
 STANDSTILL = 0.02
 """Stroke around motor standstill where friction changes its sense [-].
@@ -218,6 +219,10 @@ class Transmission:
                 "samples": len(samples),
             },
         )
+
+    def unrecorded(self, base: Array, points: Points) -> Sequence[Unrecorded]:
+        """Return the quantities that may vary although no column records them."""
+        return unrecorded(self, base, points)
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
         """Say what missing columns cost."""

@@ -47,7 +47,9 @@ def mechanic(outcome: Outcome) -> str:
         return f"A loss that is not in the library{_at_largest_gap(outcome)}."
     statement = f"{_suspects(outcome)}{_cost(outcome)}"
     if outcome.verdict == "other_form":
-        return f"{statement}, in a form that is not in the library."
+        return (
+            f"{statement}, in a form that is not in the library or with another loss."
+        )
     remedies = outcome.advice.measure or outcome.named.remedy
     first_remedy = remedies.split("; or ")[0]
     for remedy in (first_remedy, first_remedy.split(";")[0]):
@@ -155,8 +157,9 @@ def _no_gap(outcome: Outcome) -> str:
 def _excess_scatter(outcome: Outcome) -> str:
     agreement = outcome.agreement
     sentence = (
-        f"No gap along any axis is seen, but the readings scatter {agreement.ratio:.2g} times as "
-        f"much as the noise that was stated ({outcome.gap.noise_source})"
+        f"Along the axes that were recorded nothing explains the readings, but they scatter "
+        f"{agreement.ratio:.2g} times as much as the noise that was stated "
+        f"({outcome.gap.noise_source})"
     )
     parts = [f"{look.part} ({look.ratio:.2g} times)" for look in agreement.looks[:2]]
     parts = [part for part in parts if not part.startswith(" ")]

@@ -99,6 +99,11 @@ class Posterior:
         )
 
     @cached_property
+    def scatter(self) -> float:
+        """Probability that a loss varies along no recorded axis."""
+        return sum(p for explanation, p in self.entries if explanation.scatters)
+
+    @cached_property
     def effects(self) -> dict[str, float]:
         """Probability that an effect is present, by name, most probable first."""
         totals: dict[str, float] = {}

@@ -1,9 +1,34 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Statement: whether readings agree with the base model within the noise stated for them."""
+r"""Statement: whether readings agree with a model within the noise stated for them.
+
+The model is refitted with the noise held at its statement, so that no scatter is explained away as
+noise. Of the residuals r of a part S of the readings the square is compared with its distribution
+at the stated noise. With the projector P that the refit leaves, restricted to S,
+
+.. math:: E\,r_S^Tr_S = \mathrm{tr}\,P_{SS}, \qquad
+          \mathrm{var}\,r_S^Tr_S = 2\,\mathrm{tr}\,P_{SS}^2
+
+which a scaled chi squared matches (Satterthwaite 1946, Biometrics Bull. 2, 110). The parts are all
+samples, each stage, each session and thirds of the range of each axis.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fitting.refit import Fit, refit
+from ..observations import REPEATED_POINTS, SESSION, Observations
+from ..settings import (
+    AGREEMENT_LEVEL,
+    NOISE_STATEMENT_TOLERANCE,
+    REGION_SAMPLES,
+)
+from ..system import Array, Axis
+from ..wording import fixed
 
 
 @dataclass(frozen=True)
@@ -30,10 +55,10 @@ class Agreement:
     """Readings against their stated noise, before any noise is estimated.
 
     Attributes:
-        stated: whether the noise of any channel was stated; nothing can disagree otherwise.
+        stated: whether the noise was stated; nothing can disagree otherwise.
         holds: whether no look exceeds the statement.
-        ratio: the largest over the looks at all samples of a channel; 1 where nothing was stated.
-        looks: those that exceed the statement, the clearest first.
+        ratio: root mean square of all residuals / stated noise; 1 where nothing was stated.
+        looks: those that exceed the statement, the largest ratio first.
     """
 
     stated: bool
@@ -43,3 +68,128 @@ class Agreement:
 
 
 NOTHING_STATED = Agreement(stated=False, holds=True, ratio=1.0)
+
+
+def agreement_of(fit: Fit) -> Agreement:
+    """Return how readings agree with their stated noise.
+
+    The noise of the first channel is what users state; that of the others is assumed.
+
+    Args:
+        fit: a refit to the readings, with or without effects.
+    """
+    observed = fit.observed
+    if observed.assumed:
+        return NOTHING_STATED
+    held = np.append(1.0, fit.noise[1:])
+    at_statement = refit(fit.hypothesis, observed, fit.theta, noise=held)
+    residuals = at_statement.whitened[0]
+    basis = _absorbed_by_refit(at_statement, held)
+    parts = [("", np.ones(len(observed), dtype=bool)), *_parts(observed)]
+    looks = []
+    for number, (words, members) in enumerate(parts):
+        # Half of the level is for all samples together, half for their parts.
+        looks_alike = 2.0 if number == 0 else 2.0 * (len(parts) - 1)
+        ratio, p_value = _excess(residuals[members], basis[members], observed)
+        looks.append(
+            Look(
+                observed.channels[0].name,
+                words,
+                int(members.sum()),
+                ratio,
+                min(looks_alike * p_value, 1.0),
+            )
+        )
+    exceeding = [look for look in looks if look.p_value <= AGREEMENT_LEVEL]
+    exceeding.sort(key=lambda look: -look.ratio)
+    return Agreement(
+        stated=True,
+        holds=not exceeding,
+        ratio=looks[0].ratio,
+        looks=tuple(exceeding),
+    )
+
+
+def _absorbed_by_refit(fit: Fit, noise: Array) -> Array:
+    """Return what a refit absorbs of the first channel, orthonormal columns, shape (n, p).
+
+    Args:
+        fit: the refit.
+        noise: variance of each channel by which it was weighed, shape (channels,).
+    """
+    scaled = fit.jacobian / np.sqrt(noise)[:, None, None]
+    readings = scaled.reshape(-1, len(fit.theta))
+    prior = np.diag(1.0 / fit.hypothesis.spread(np.inf))
+    basis, _ = np.linalg.qr(np.concatenate([readings, prior]))
+    return np.asarray(basis[: len(fit.observed)])
+
+
+def _excess(
+    residuals: Array, absorbed: Array, observed: Observations
+) -> tuple[float, float]:
+    """Return the ratio of residuals to their statement, and the probability of a larger one.
+
+    Args:
+        residuals: in stated deviations, shape (n,).
+        absorbed: rows of the basis of what the refit absorbs, shape (n, p).
+        observed: says where the statement comes from.
+    """
+    from scipy.special import chdtrc, fdtrc
+
+    n = len(residuals)
+    within = absorbed.T @ absorbed
+    mean = max(n - float(np.trace(within)), 1e-6)
+    variance = 2.0 * max(n - 2.0 * np.trace(within) + np.sum(within**2), 1e-6)
+    degrees_of_freedom = 2.0 * mean**2 / variance
+    variance_ratio = float(np.sum(residuals**2)) / mean
+    if observed.noise_source == REPEATED_POINTS:
+        # The statement is an estimate with degrees of freedom of its own.
+        of_statement = float(observed.prior_dof[0])
+        p_value = fdtrc(degrees_of_freedom, of_statement, variance_ratio)
+    else:
+        allowed = variance_ratio / NOISE_STATEMENT_TOLERANCE**2
+        p_value = chdtrc(degrees_of_freedom, degrees_of_freedom * allowed)
+    return float(np.sqrt(variance_ratio)), float(p_value)
+
+
+def _parts(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Return parts of the samples, in words and as members; those of few samples are left out."""
+    for words, members in (
+        *_stages(observed),
+        *_sessions(observed),
+        *_thirds(observed),
+    ):
+        if REGION_SAMPLES <= members.sum() < len(observed):
+            yield words, members
+
+
+def _stages(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    for axis in observed.axes:
+        for number, label in enumerate(axis.labels):
+            yield f"{axis.word} {label}", observed.points[axis.name] == number
+
+
+def _sessions(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    if SESSION not in observed.points:
+        return
+    numbers = observed.points[SESSION]
+    for number in np.unique(numbers[numbers >= 0.0]):
+        yield f"session {number + 1:.0f}", numbers == number
+
+
+def _thirds(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    for axis, values in zip(observed.steered, observed.coordinates, strict=True):
+        low, high = np.quantile(values, (1.0 / 3.0, 2.0 / 3.0))
+        members = (values <= low, (values > low) & (values <= high), values > high)
+        for degree, inside in zip(("low", "medium", "high"), members, strict=True):
+            if inside.any():
+                yield _third_in_words(axis, degree, values[inside]), inside
+
+
+def _third_in_words(axis: Axis, degree: str, values: Array) -> str:
+    if axis.graded:
+        return f"{degree} {axis.word}"
+    low, high = (
+        fixed(float(limit), axis.digits) for limit in (values.min(), values.max())
+    )
+    return f"{axis.word} {low} to {high}"

@@ -1,9 +1,54 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Statement: scatter above its statement that no recorded axis explains."""
+r"""Statement: scatter above its statement that no recorded axis explains.
+
+Either the noise is stated too small, or a quantity varied that was not recorded. In the second
+case a quantity g of time changes the readings by its signature s, which the system knows:
+
+.. math:: r = P(s \circ g + \epsilon), \qquad g \sim N(0, a^2 K), \quad \epsilon \sim N(0, I)
+
+in stated deviations, with the projector P that the refit of the base model leaves. K is the
+identity (anew at each test), one for each pair of tests of a session, or exp(-|t - t'| / T) with T
+of minutes or hours (Ornstein-Uhlenbeck). The hypotheses compete by their marginal likelihoods, the
+amplitude a averaged over a grid. Two rivals vary with nothing that time orders: noise stated too
+small, which is one factor of one channel, and a base model that is smoothly off.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..fitting.refit import Fit, refit
+from ..observations import SESSION, Observations
+from ..settings import (
+    LIKELY,
+    RELEVANT_PROBABILITY,
+    SCATTER_AMPLITUDES,
+    SCATTER_SAMPLES,
+    SCATTER_TIMES,
+)
+from ..system import Array, Unrecorded
+from ..wording import listed, probability
+from .agreement import Agreement
+
+NOISE = "noise"
+BASE_MODEL = "base model"
+"""Rivals of a quantity that was not recorded."""
+TESTS = "tests"
+MINUTES = "minutes"
+HOURS = "hours"
+SESSIONS = "sessions"
+"""Time scales."""
+HOUR = 3600.0
+_OVER = {
+    TESTS: "from test to test",
+    MINUTES: "over minutes",
+    HOURS: "over hours",
+    SESSIONS: "from session to session",
+}
 
 
 @dataclass(frozen=True)
@@ -12,11 +57,13 @@ class ExcessScatter:
 
     Attributes:
         ratio: scatter / stated noise of `channel`.
-        channel: that shows it most clearly.
+        channel: whose noise was stated.
         time_scale: `tests` (each test anew), `minutes`, `hours` or `sessions`; None where the
-            samples have neither stamps nor sessions, or do not tell.
-        quantities: what may have varied, with the probability of each, most probable first.
-        sensor: what to record to find out, in words.
+            samples have neither stamps nor sessions.
+        quantities: what may have varied, with the probability of each, most probable first; the
+            names `noise` and `base model` stand for a noise stated too small and a base model that
+            is smoothly off.
+        sensor: what to record to find out, in words; empty where nothing is known.
         sentence: all of it in one sentence.
     """
 
@@ -26,3 +73,237 @@ class ExcessScatter:
     quantities: tuple[tuple[str, float], ...]
     sensor: str
     sentence: str
+
+
+class _Kernel(NamedTuple):
+    """How a quantity varies over the tests.
+
+    Attributes:
+        time_scale: as of `ExcessScatter`.
+        root: K = root root', shape (n, m).
+    """
+
+    time_scale: str
+    root: Array
+
+
+class _Rival(NamedTuple):
+    """One hypothesis with its log evidence against noise as stated."""
+
+    quantity: str
+    time_scale: str | None
+    log_evidence: float
+
+
+def excess_scatter(fit: Fit, agreement: Agreement) -> ExcessScatter | None:
+    """Return what scatters above its statement, or None where readings and noise agree.
+
+    Args:
+        fit: a refit to the readings, with or without effects.
+        agreement: of the same fit.
+    """
+    if agreement.holds:
+        return None
+    fit = _thinned(fit)
+    observed = fit.observed
+    held = np.append(1.0, fit.noise[1:])
+    at_statement = refit(fit.hypothesis, observed, fit.theta, noise=held)
+    evidence = _Evidence(at_statement)
+    unrecorded = _unrecorded_of(at_statement)
+    kernels = _kernels(observed)
+    rivals = [
+        _Rival(NOISE, TESTS, evidence.of_channel()),
+        _Rival(BASE_MODEL, None, evidence.of_base_model()),
+    ]
+    for quantity in unrecorded:
+        signature = quantity.change / observed.deviation
+        for kernel in kernels:
+            log_evidence = evidence.of_quantity(signature, kernel.root)
+            rivals.append(_Rival(quantity.name, kernel.time_scale, log_evidence))
+    return _summary(rivals, unrecorded, kernels, agreement, observed)
+
+
+def _thinned(fit: Fit) -> Fit:
+    """Return a fit to some of the readings, in the order of the samples, if there are many."""
+    observed = fit.observed
+    if len(observed) <= SCATTER_SAMPLES:
+        return fit
+    # Neighbours in time are kept together: they tell the time scale.
+    start = (len(observed) - SCATTER_SAMPLES) // 2
+    kept = np.arange(start, start + SCATTER_SAMPLES)
+    return refit(fit.hypothesis, observed.select(kept), fit.theta)
+
+
+def _unrecorded_of(fit: Fit) -> list[Unrecorded]:
+    """Return the quantities that the system knows and the bench does not record."""
+    system: Any = fit.hypothesis.system
+    known: Callable[..., Sequence[Unrecorded]] | None
+    known = getattr(system, "unrecorded", None)
+    if known is None:
+        return []
+    rows = fit.hypothesis.rows_of(fit.observed.channels)
+    quantities = []
+    for item in known(fit.base, fit.observed.points):
+        change = np.nan_to_num(item.change[rows])
+        if change.any():
+            quantities.append(Unrecorded(item.name, item.sensor, change))
+    return quantities
+
+
+def _kernels(observed: Observations) -> list[_Kernel]:
+    """Return how a quantity may vary over the tests, as far as their times are known."""
+    n = len(observed)
+    kernels = [_Kernel(TESTS, np.eye(n))]
+    sessions = observed.points.get(SESSION)
+    if sessions is not None and len(np.unique(sessions)) > 1:
+        of_session = sessions[:, None] == np.unique(sessions)
+        kernels.append(_Kernel(SESSIONS, of_session.astype(float)))
+    stamps = getattr(observed.samples, "stamp", None)
+    if stamps is None:
+        return kernels
+    times = np.asarray(stamps, dtype=float)
+    apart = np.abs(times[:, None] - times)
+    steps = np.diff(np.sort(times))
+    shortest = float(np.median(steps))
+    for time in SCATTER_TIMES:
+        if shortest < time < np.ptp(times):
+            scale = MINUTES if time < HOUR else HOURS
+            kernels.append(_Kernel(scale, _root(np.exp(-apart / time))))
+    return kernels
+
+
+def _root(covariance: Array) -> Array:
+    """Return a matrix whose product with its transpose is a covariance, shape (n, n)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(values.clip(0.0)))
+
+
+class _Evidence:
+    """Log evidence of what scatters, against noise as stated and nothing else.
+
+    Args:
+        fit: a refit with the noise held at its statement.
+    """
+
+    def __init__(self, fit: Fit) -> None:
+        noise = np.append(1.0, fit.noise[1:])
+        self.unit = 1.0 / np.sqrt(noise)[:, None]
+        self.observed = fit.observed
+        count = fit.whitened.size
+        scaled = (fit.jacobian * self.unit[..., None]).reshape(count, -1)
+        prior = np.diag(1.0 / fit.hypothesis.spread(np.inf))
+        basis, _ = np.linalg.qr(np.concatenate([scaled, prior]))
+        self._absorbed = basis[:count]
+        self._residuals = (fit.whitened * self.unit).ravel()
+
+    def of_channel(self) -> float:
+        """Return that of a noise of the first channel that is stated too small."""
+        columns = np.zeros((self._residuals.size, len(self.observed)))
+        columns[: len(self.observed)] = np.eye(len(self.observed))
+        return self._of_columns(columns)
+
+    def of_base_model(self) -> float:
+        """Return that of a base model whose first channel is smoothly off."""
+        smooth = self.observed.smooth.at_campaign
+        columns = np.zeros((self._residuals.size, smooth.shape[1]))
+        columns[: len(smooth)] = smooth
+        return self._of_columns(columns)
+
+    def of_quantity(self, signature: Array, root: Array) -> float:
+        """Return that of a quantity that varies.
+
+        Args:
+            signature: change of every reading, in stated deviations, shape (channels, n).
+            root: of its covariance over the tests, shape (n, m).
+        """
+        scaled = signature * self.unit
+        columns = (scaled[..., None] * root).reshape(self._residuals.size, -1)
+        return self._of_columns(columns)
+
+    def _of_columns(self, columns: Array) -> float:
+        """Return the log evidence of coefficients of one amplitude, averaged over a grid.
+
+        Args:
+            columns: change of the readings by each coefficient, shape (readings, m).
+        """
+        from scipy.special import logsumexp
+
+        left = columns - self._absorbed @ (self._absorbed.T @ columns)
+        size = np.sqrt(np.sum(left**2) / len(self.observed))
+        if size == 0.0:
+            return -np.inf
+        left /= size
+        values, vectors = np.linalg.eigh(left.T @ left)
+        values = values.clip(0.0)
+        along = vectors.T @ (left.T @ self._residuals)
+        gains = []
+        for amplitude in SCATTER_AMPLITUDES:
+            variance = amplitude**2
+            spread = 1.0 + variance * values
+            gains.append(0.5 * np.sum(variance * along**2 / spread - np.log(spread)))
+        return float(logsumexp(gains) - np.log(len(gains)))
+
+
+def _summary(
+    rivals: Sequence[_Rival],
+    unrecorded: Sequence[Unrecorded],
+    kernels: Sequence[_Kernel],
+    agreement: Agreement,
+    observed: Observations,
+) -> ExcessScatter:
+    """Return the statement: rivals of one quantity, and of one time scale, share a prior evenly."""
+    from scipy.special import softmax
+
+    log_weights = []
+    for rival in rivals:
+        alike = 1
+        if rival.quantity not in (NOISE, BASE_MODEL):
+            scales = {kernel.time_scale for kernel in kernels}
+            of_scale = [k for k in kernels if k.time_scale == rival.time_scale]
+            alike = len(scales) * len(of_scale)
+        log_weights.append(rival.log_evidence - np.log(alike))
+    weights = softmax(log_weights).tolist()
+    quantities: dict[str, float] = {}
+    scales_known: dict[str, float] = {}
+    for rival, weight in zip(rivals, weights, strict=True):
+        quantities[rival.quantity] = quantities.get(rival.quantity, 0.0) + weight
+        if rival.time_scale is not None:
+            so_far = scales_known.get(rival.time_scale, 0.0)
+            scales_known[rival.time_scale] = so_far + weight
+    ranked = sorted(quantities.items(), key=lambda item: -item[1])
+    relevant = tuple(item for item in ranked if item[1] >= RELEVANT_PROBABILITY)
+    time_scale = None
+    if len(kernels) > 1:
+        time_scale = max(scales_known, key=scales_known.__getitem__)
+    sensors = {item.name: item.sensor for item in unrecorded}
+    sensor = next((sensors[name] for name, _ in ranked if name in sensors), "")
+    return ExcessScatter(
+        ratio=agreement.ratio,
+        channel=observed.channels[0].name,
+        time_scale=time_scale,
+        quantities=relevant,
+        sensor=sensor,
+        sentence=_sentence(agreement.ratio, time_scale, relevant, sensors),
+    )
+
+
+def _sentence(
+    ratio: float,
+    time_scale: str | None,
+    quantities: Sequence[tuple[str, float]],
+    sensors: dict[str, str],
+) -> str:
+    """Return both branches: a wrong statement, or something that varied and what would show it."""
+    of_model = dict(quantities).get(BASE_MODEL, 0.0)
+    if of_model > LIKELY:
+        return (
+            f"The base model is smoothly off ({probability(of_model)}), by less than a cause would "
+            "need, or something varied that was not recorded."
+        )
+    known = [(name, p) for name, p in quantities if name in sensors]
+    over = "" if time_scale is None else f" {_OVER[time_scale]}"
+    varied = f"something varied{over} that was not recorded"
+    if known:
+        named = [f"{name} ({probability(p)})" for name, p in known[:2]]
+        varied += f", perhaps {listed(named)}: record {sensors[known[0][0]]}"
+    return f"Either the noise is stated {ratio:.2g} times too small, or {varied}."

@@ -64,14 +64,23 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Verdict:
     if posterior.misfit > posterior.unlisted / 2.0:
         note = "the base model is slightly off, smoothly: less than a cause would need"
         return "unexplained", (note,)
-    if present and _part_of_change(analysis, present[0]) >= OTHER_FORM_PART:
-        names = " or ".join(map(plain, present[0].effects))
-        note = (
-            f"{names} makes most of the change, but no form in the library fits: compare the law "
-            "with the residuals"
-        )
-        return "other_form", (note,)
-    return "unexplained", ("no set of listed effects explains the gap",)
+    named = None
+    for item in present:
+        if _part_of_change(analysis, item) >= OTHER_FORM_PART:
+            named = item
+            break
+    if posterior.scatter > posterior.unlisted / 2.0:
+        if named is None:
+            return "excess_scatter", ()
+        return "class_found" if named.is_class else "cause_found", ()
+    if named is None:
+        return "unexplained", ("no set of listed effects explains the gap",)
+    names = " or ".join(map(plain, named.effects))
+    note = (
+        f"{names} makes most of the change; the rest needs a form that is not in the library, or "
+        "is another loss"
+    )
+    return "other_form", (note,)
 
 
 def _explained(analysis: Analysis, present: Sequence[Member]) -> str:
@@ -94,10 +103,19 @@ def set_is_settled(analysis: Analysis) -> bool:
 
 
 def _part_of_change(analysis: Analysis, member: Member) -> float:
-    """Return the part of the squared change from the base model that a member makes."""
+    """Return the part of the squared change from the base model that a member's set makes.
+
+    What scatters along no axis and what an extra discrepancy makes are no part of it.
+    """
     for names, (explanation, _) in analysis.posterior.present.items():
-        if not set(member.effects).isdisjoint(names):
-            return 1.0 - explanation.extra_part(analysis.posterior.base_only)
+        if set(member.effects).isdisjoint(names):
+            continue
+        before = np.sum(analysis.base.whitened[0] ** 2)
+        left = np.sum(explanation.fit.whitened[0] ** 2)
+        noise = float(len(analysis.base.observed))
+        reduced = (before - left) / max(before - noise, 1.0)
+        extra_part = explanation.extra_part(analysis.posterior.base_only)
+        return min(reduced, 1.0 - extra_part)
     return 0.0
 
 

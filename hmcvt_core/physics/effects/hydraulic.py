@@ -26,7 +26,7 @@ _OPENING_WIDTH = 5e5  # Pa, within which a relief valve leaves its seat
 _FILLING_WIDTH = 5.0  # rad/s, within which cylinders cease to fill
 _ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
-_REFERENCE = 60.0  # deg C, viscosity ratio 1
+REFERENCE_TEMPERATURE = 60.0  # deg C, viscosity ratio 1
 _KELVIN = 273.15
 _VG46 = (46.0, 6.8)  # mm2/s at 40 and 100 deg C
 
@@ -518,7 +518,7 @@ class OilTemperature(Effect):
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
         change = walther_log_viscosity(oil_temperature) - walther_log_viscosity(
-            np.array(_REFERENCE)
+            np.array(REFERENCE_TEMPERATURE)
         )
         return np.asarray(np.exp(self.strength * change))
 
