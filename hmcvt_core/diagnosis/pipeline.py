@@ -114,6 +114,9 @@ def _summarise(
     verdict, verdict_notes = verdict_of(analysis, agreement, members)
     settled = set_is_settled(analysis)
     scatter = _scatter_of(analysis, agreement, verdict)
+    if verdict == "unexplained" and scatter is not None:
+        verdict = "excess_scatter"
+        verdict_notes = ()
     residuals = validation.base_errors
     residuals_after = residuals
     base_parameters = parameters_of(base_only, base_only.fit)
@@ -172,13 +175,28 @@ def _summarise(
 def _scatter_of(
     analysis: Analysis, agreement: Agreement, verdict: str
 ) -> ExcessScatter | None:
-    """Return the scatter above its statement that is left once a named set is added."""
+    """Return the scatter above its statement that is left once a named set is added.
+
+    Where listed effects do not explain the gap, that is None if a loss along the axes is likelier.
+    """
     if not analysis.significant or verdict == "excess_scatter":
         return excess_scatter(analysis.base, agreement)
-    if verdict not in NAMING or verdict == "other_form":
+    if verdict == "unexplained":
+        return _scatter_of_gap(analysis, agreement)
+    if verdict == "other_form":
         return None
     leading, _ = analysis.leading
     return excess_scatter(leading.fit, agreement_of(leading.fit))
+
+
+def _scatter_of_gap(analysis: Analysis, agreement: Agreement) -> ExcessScatter | None:
+    """Return scatter that explains a gap better than a loss along the axes does, or None."""
+    for explanation, _ in analysis.posterior.entries:
+        if explanation.discrepancy is not None and not explanation.names:
+            unlisted = explanation.discrepancy
+            scatter = excess_scatter(analysis.base, agreement, unlisted)
+            return scatter if scatter is not None and scatter.is_probable else None
+    return None
 
 
 def next_test(

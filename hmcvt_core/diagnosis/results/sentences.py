@@ -70,7 +70,7 @@ def _no_gap_headline(outcome: Outcome) -> str:
 
 
 def _scatter_headline(outcome: Outcome) -> str:
-    ratio = f"{outcome.agreement.ratio:.1f} times their stated noise"
+    ratio = f"up to {outcome.agreement.ratio:.1f} times their stated noise"
     sensor = "what was not recorded"
     if outcome.scatter is not None and outcome.scatter.sensor:
         sensor = outcome.scatter.sensor
@@ -158,11 +158,13 @@ def _excess_scatter(outcome: Outcome) -> str:
     agreement = outcome.agreement
     sentence = (
         f"Along the axes that were recorded nothing explains the readings, but they scatter "
-        f"{agreement.ratio:.2g} times as much as the noise that was stated "
+        f"up to {agreement.ratio:.2g} times as much as the noise that was stated "
         f"({outcome.gap.noise_source})"
     )
-    parts = [f"{look.part} ({look.ratio:.2g} times)" for look in agreement.looks[:2]]
-    parts = [part for part in parts if not part.startswith(" ")]
+    parts = []
+    for look in agreement.looks[:2]:
+        if look.part:
+            parts.append(f"{look.part} ({look.ratio:.2g} times)")
     if parts:
         sentence += f", most clearly in {listed(parts, 'and')}"
     if outcome.scatter is None:

@@ -9,13 +9,15 @@ at the stated noise. With the projector P that the refit leaves, restricted to S
           \mathrm{var}\,r_S^Tr_S = 2\,\mathrm{tr}\,P_{SS}^2
 
 which a scaled chi squared matches (Satterthwaite 1946, Biometrics Bull. 2, 110). The parts are all
-samples, each stage, each session and thirds of the range of each axis.
+samples, each stage, each session, thirds of the range of each axis, and the errors of the meters
+that the refit assumes, against the class of the meters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,9 @@ from ..settings import (
 )
 from ..system import Array, Axis
 from ..wording import fixed
+
+METERS = "the errors of the meters"
+"""Look at what the refit takes for errors that readings share, against their priors."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,8 @@ class Agreement:
     Attributes:
         stated: whether the noise was stated; nothing can disagree otherwise.
         holds: whether no look exceeds the statement.
-        ratio: root mean square of all residuals / stated noise; 1 where nothing was stated.
+        ratio: root mean square of the residuals / stated noise, the largest of `looks`, or of all
+            samples where the statement holds; 1 where nothing was stated.
         looks: those that exceed the statement, the largest ratio first.
     """
 
@@ -81,21 +87,23 @@ def agreement_of(fit: Fit) -> Agreement:
     observed = fit.observed
     if observed.assumed:
         return NOTHING_STATED
-    held = np.append(1.0, fit.noise[1:])
-    at_statement = refit(fit.hypothesis, observed, fit.theta, noise=held)
-    residuals = at_statement.whitened[0]
-    basis = _absorbed_by_refit(at_statement, held)
-    parts = [("", np.ones(len(observed), dtype=bool)), *_parts(observed)]
+    rows = rows_at_statement(fit)
+    n = len(observed)
+    parts = [("", np.arange(n)), *_parts(observed)]
+    if observed.shared_count:
+        parts.append((METERS, rows.of_shared_errors))
     looks = []
     for number, (words, members) in enumerate(parts):
         # Half of the level is for all samples together, half for their parts.
         looks_alike = 2.0 if number == 0 else 2.0 * (len(parts) - 1)
-        ratio, p_value = _excess(residuals[members], basis[members], observed)
+        ratio, p_value = _excess(
+            rows.residuals[members], rows.absorbed[members], observed
+        )
         looks.append(
             Look(
                 observed.channels[0].name,
                 words,
-                int(members.sum()),
+                len(members),
                 ratio,
                 min(looks_alike * p_value, 1.0),
             )
@@ -105,23 +113,52 @@ def agreement_of(fit: Fit) -> Agreement:
     return Agreement(
         stated=True,
         holds=not exceeding,
-        ratio=looks[0].ratio,
+        ratio=exceeding[0].ratio if exceeding else looks[0].ratio,
         looks=tuple(exceeding),
     )
 
 
-def _absorbed_by_refit(fit: Fit, noise: Array) -> Array:
-    """Return what a refit absorbs of the first channel, orthonormal columns, shape (n, p).
+class RowsAtStatement(NamedTuple):
+    """Residuals of a refit with the noise held at its statement, and what the refit absorbs.
+
+    The rows are the readings, one channel after another, in their deviations, and then one for each
+    prior, in its deviations.
+
+    Attributes:
+        unit: 1 / noise of each channel by which it is weighed, shape (channels, 1).
+        residuals: shape (channels x n + p,).
+        absorbed: orthonormal columns, shape (channels x n + p, p).
+        of_shared_errors: which rows are the priors of errors that readings share.
+        fit: the refit.
+    """
+
+    unit: Array
+    residuals: Array
+    absorbed: Array
+    of_shared_errors: NDArray[np.intp]
+    fit: Fit
+
+
+def rows_at_statement(fit: Fit) -> RowsAtStatement:
+    """Refit with the noise of the first channel held at its statement.
 
     Args:
-        fit: the refit.
-        noise: variance of each channel by which it was weighed, shape (channels,).
+        fit: a refit to the readings, with or without effects.
     """
-    scaled = fit.jacobian / np.sqrt(noise)[:, None, None]
-    readings = scaled.reshape(-1, len(fit.theta))
-    prior = np.diag(1.0 / fit.hypothesis.spread(np.inf))
-    basis, _ = np.linalg.qr(np.concatenate([readings, prior]))
-    return np.asarray(basis[: len(fit.observed)])
+    held = np.append(1.0, fit.noise[1:])
+    hypothesis = fit.hypothesis
+    at_statement = refit(hypothesis, fit.observed, fit.theta, noise=held)
+    unit = 1.0 / np.sqrt(held)[:, None]
+    count = at_statement.whitened.size
+    scaled = (at_statement.jacobian * unit[..., None]).reshape(count, -1)
+    prior = 1.0 / hypothesis.spread(np.inf)
+    basis, _ = np.linalg.qr(np.concatenate([scaled, np.diag(prior)]))
+    of_priors = prior * (hypothesis.prior_mean - at_statement.theta)
+    # A size has no prior, so that its row is zero.
+    residuals = np.append((at_statement.whitened * unit).ravel(), of_priors)
+    shared = hypothesis.shared
+    of_shared_errors = np.arange(count + shared.start, count + shared.stop)
+    return RowsAtStatement(unit, residuals, basis, of_shared_errors, at_statement)
 
 
 def _excess(
@@ -152,15 +189,12 @@ def _excess(
     return float(np.sqrt(variance_ratio)), float(p_value)
 
 
-def _parts(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Return parts of the samples, in words and as members; those of few samples are left out."""
-    for words, members in (
-        *_stages(observed),
-        *_sessions(observed),
-        *_thirds(observed),
-    ):
+def _parts(observed: Observations) -> Iterator[tuple[str, NDArray[np.intp]]]:
+    """Return parts of the samples, in words and as rows; those of few samples are left out."""
+    parts = (*_stages(observed), *_sessions(observed), *_thirds(observed))
+    for words, members in parts:
         if REGION_SAMPLES <= members.sum() < len(observed):
-            yield words, members
+            yield words, np.flatnonzero(members)
 
 
 def _stages(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:

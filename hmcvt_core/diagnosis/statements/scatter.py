@@ -23,6 +23,7 @@ import numpy as np
 
 from ..fitting.refit import Fit, refit
 from ..observations import SESSION, Observations
+from ..selection.discrepancy import Discrepancy
 from ..settings import (
     LIKELY,
     RELEVANT_PROBABILITY,
@@ -32,10 +33,12 @@ from ..settings import (
 )
 from ..system import Array, Unrecorded
 from ..wording import listed, probability
-from .agreement import Agreement
+from .agreement import Agreement, RowsAtStatement, rows_at_statement
 
 NOISE = "noise"
 BASE_MODEL = "base model"
+UNLISTED = "unlisted loss"
+_RIVALS = (NOISE, BASE_MODEL, UNLISTED)
 """Rivals of a quantity that was not recorded."""
 TESTS = "tests"
 MINUTES = "minutes"
@@ -74,6 +77,12 @@ class ExcessScatter:
     sensor: str
     sentence: str
 
+    @property
+    def is_probable(self) -> bool:
+        """Whether something that varies in time is likelier than a loss along the axes."""
+        of_rivals = [p for name, p in self.quantities if name in (BASE_MODEL, UNLISTED)]
+        return sum(of_rivals) < LIKELY
+
 
 class _Kernel(NamedTuple):
     """How a quantity varies over the tests.
@@ -95,26 +104,31 @@ class _Rival(NamedTuple):
     log_evidence: float
 
 
-def excess_scatter(fit: Fit, agreement: Agreement) -> ExcessScatter | None:
+def excess_scatter(
+    fit: Fit, agreement: Agreement, unlisted: Discrepancy | None = None
+) -> ExcessScatter | None:
     """Return what scatters above its statement, or None where readings and noise agree.
 
     Args:
         fit: a refit to the readings, with or without effects.
         agreement: of the same fit.
+        unlisted: a loss along the axes that explains the readings too, as a further rival.
     """
     if agreement.holds:
         return None
     fit = _thinned(fit)
     observed = fit.observed
-    held = np.append(1.0, fit.noise[1:])
-    at_statement = refit(fit.hypothesis, observed, fit.theta, noise=held)
-    evidence = _Evidence(at_statement)
-    unrecorded = _unrecorded_of(at_statement)
+    rows = rows_at_statement(fit)
+    evidence = _Evidence(rows)
+    unrecorded = _unrecorded_of(rows.fit)
     kernels = _kernels(observed)
     rivals = [
         _Rival(NOISE, TESTS, evidence.of_channel()),
         _Rival(BASE_MODEL, None, evidence.of_base_model()),
     ]
+    if unlisted is not None:
+        changes = unlisted.columns(observed)
+        rivals.append(_Rival(UNLISTED, None, evidence.of_changes(changes)))
     for quantity in unrecorded:
         signature = quantity.change / observed.deviation
         for kernel in kernels:
@@ -182,32 +196,26 @@ class _Evidence:
     """Log evidence of what scatters, against noise as stated and nothing else.
 
     Args:
-        fit: a refit with the noise held at its statement.
+        rows: of a refit with the noise held at its statement.
     """
 
-    def __init__(self, fit: Fit) -> None:
-        noise = np.append(1.0, fit.noise[1:])
-        self.unit = 1.0 / np.sqrt(noise)[:, None]
-        self.observed = fit.observed
-        count = fit.whitened.size
-        scaled = (fit.jacobian * self.unit[..., None]).reshape(count, -1)
-        prior = np.diag(1.0 / fit.hypothesis.spread(np.inf))
-        basis, _ = np.linalg.qr(np.concatenate([scaled, prior]))
-        self._absorbed = basis[:count]
-        self._residuals = (fit.whitened * self.unit).ravel()
+    def __init__(self, rows: RowsAtStatement) -> None:
+        self.rows = rows
+        self.observed = rows.fit.observed
 
     def of_channel(self) -> float:
         """Return that of a noise of the first channel that is stated too small."""
-        columns = np.zeros((self._residuals.size, len(self.observed)))
-        columns[: len(self.observed)] = np.eye(len(self.observed))
-        return self._of_columns(columns)
+        return self._of_first_channel(np.eye(len(self.observed)))
 
     def of_base_model(self) -> float:
         """Return that of a base model whose first channel is smoothly off."""
-        smooth = self.observed.smooth.at_campaign
-        columns = np.zeros((self._residuals.size, smooth.shape[1]))
-        columns[: len(smooth)] = smooth
-        return self._of_columns(columns)
+        return self._of_first_channel(self.observed.smooth.at_campaign)
+
+    def _of_first_channel(self, columns: Array) -> float:
+        """Return that of changes of the first channel, shape (n, m)."""
+        changes = np.zeros((*self.rows.fit.whitened.shape, columns.shape[1]))
+        changes[0] = columns
+        return self.of_changes(changes)
 
     def of_quantity(self, signature: Array, root: Array) -> float:
         """Return that of a quantity that varies.
@@ -216,26 +224,31 @@ class _Evidence:
             signature: change of every reading, in stated deviations, shape (channels, n).
             root: of its covariance over the tests, shape (n, m).
         """
-        scaled = signature * self.unit
-        columns = (scaled[..., None] * root).reshape(self._residuals.size, -1)
-        return self._of_columns(columns)
+        return self.of_changes(signature[..., None] * root)
 
-    def _of_columns(self, columns: Array) -> float:
-        """Return the log evidence of coefficients of one amplitude, averaged over a grid.
+    def of_changes(self, changes: Array) -> float:
+        """Return that of coefficients of one amplitude, averaged over a grid.
 
         Args:
-            columns: change of the readings by each coefficient, shape (readings, m).
+            changes: of the readings by each coefficient, in deviations, shape (channels, n, m).
         """
         from scipy.special import logsumexp
 
-        left = columns - self._absorbed @ (self._absorbed.T @ columns)
+        residuals = self.rows.residuals
+        absorbed = self.rows.absorbed
+        columns = np.zeros((len(residuals), changes.shape[-1]))
+        of_readings = (changes * self.rows.unit[..., None]).reshape(
+            -1, changes.shape[-1]
+        )
+        columns[: len(of_readings)] = of_readings
+        left = columns - absorbed @ (absorbed.T @ columns)
         size = np.sqrt(np.sum(left**2) / len(self.observed))
         if size == 0.0:
             return -np.inf
         left /= size
         values, vectors = np.linalg.eigh(left.T @ left)
         values = values.clip(0.0)
-        along = vectors.T @ (left.T @ self._residuals)
+        along = vectors.T @ (left.T @ residuals)
         gains = []
         for amplitude in SCATTER_AMPLITUDES:
             variance = amplitude**2
@@ -257,7 +270,7 @@ def _summary(
     log_weights = []
     for rival in rivals:
         alike = 1
-        if rival.quantity not in (NOISE, BASE_MODEL):
+        if rival.quantity not in _RIVALS:
             scales = {kernel.time_scale for kernel in kernels}
             of_scale = [k for k in kernels if k.time_scale == rival.time_scale]
             alike = len(scales) * len(of_scale)
