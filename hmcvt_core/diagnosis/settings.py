@@ -570,6 +570,24 @@ DESIGN_TESTS = 4
 Source: length of the report.
 """
 
+LEAST_TEST_GAIN = 0.05
+"""Information of a test [nats] below which it is not worth making.
+
+Source: chosen; reports print less as 0.0.
+"""
+
+SAME_TEST_PART = 0.2
+"""Part of the range of the possible tests, along every axis, within which two tests are neighbours.
+
+Source: chosen; one step of the grids of candidate tests.
+"""
+
+NOTHING_NEW_PART = 0.9
+"""Part of the gain of a test from which repeating a neighbour chosen before does as well.
+
+Source: chosen.
+"""
+
 MANY_TESTS = 100.0
 """Tests, evenly spread, after which explanations that are still alike cannot be separated by tests.
 

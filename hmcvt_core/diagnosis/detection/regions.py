@@ -89,13 +89,18 @@ def _boxes(coordinates: Array) -> list[tuple[Interval, ...]]:
 def _distinct_regions(members: NDArray[np.bool_]) -> list[int]:
     """Return the indices of regions that hold enough samples, the first of those alike."""
     n = members.shape[1]
-    least = max(1, min(REGION_SAMPLES, n // SAMPLES_PER_REGION_SAMPLE))
+    least = _least_samples(n)
     inside = members.sum(axis=1)
     large_enough = (inside >= least) & (inside <= n - least)
     first: dict[bytes, int] = {}
     for i in np.flatnonzero(large_enough).tolist():
         first.setdefault(members[i].tobytes(), i)
     return list(first.values())
+
+
+def _least_samples(n: int) -> int:
+    """Return how many samples of a campaign of n a region holds at least."""
+    return max(1, min(REGION_SAMPLES, n // SAMPLES_PER_REGION_SAMPLE))
 
 
 def _edges(values: Array, most: int) -> Array:
@@ -210,8 +215,8 @@ def covering_boxes(
         candidates.low, candidates.high, candidates.members, strict=True
     ):
         boxes.append(Box(np.stack([low, high], axis=1), members))
-    for members, (axis, label) in zip(settings.members, settings.names, strict=True):
-        boxes.append(Box(extent, members, {axis: label}))
+    for members, (name, label) in zip(settings.members, settings.names, strict=True):
+        boxes.append(Box(extent, members, {name: label}))
     chosen = covering(np.stack([box.members for box in boxes]), target, most)
     fitted = [boxes[i] for i in chosen]
     score = -1.0
@@ -239,12 +244,15 @@ def _moved(
 
     Arguments as of `covering_boxes`; `others` stay as they are.
     """
-    held = np.any([np.zeros_like(target), *(other.members for other in others)], axis=0)
+    held = np.zeros_like(target)
+    for other in others:
+        held |= other.members
     best = box
     best_score = _score([box, *others], target)
     for choices in _choices(box, coordinates, settings):
         members = np.stack([choice.members for choice in choices])
         scores = _f1(members | held, target)
+        scores[members.sum(axis=1) < _least_samples(len(target))] = -1.0
         if scores.max() > best_score:
             best = choices[int(scores.argmax())]
             best_score = float(scores.max())
@@ -255,12 +263,12 @@ def _choices(box: Box, coordinates: Array, settings: Settings) -> list[list[Box]
     """Return boxes that differ from one along a single axis, or by their setting."""
     inside = (coordinates >= box.limits[:, :1]) & (coordinates <= box.limits[:, 1:])
     of_setting = np.ones(coordinates.shape[1], dtype=bool)
-    for members, (axis, label) in zip(settings.members, settings.names, strict=True):
-        if box.setting.get(axis) == label:
+    for members, (name, label) in zip(settings.members, settings.names, strict=True):
+        if box.setting.get(name) == label:
             of_setting = members
     choices = []
     for axis, values in enumerate(coordinates):
-        elsewhere = np.delete(inside, axis, axis=0).all(axis=0) & of_setting
+        elsewhere = np.all(np.delete(inside, axis, axis=0), axis=0) & of_setting
         of_axis = []
         edges = _edges(values, BAND_EDGES)
         for low, high in itertools.combinations(edges.tolist(), 2):
@@ -270,7 +278,7 @@ def _choices(box: Box, coordinates: Array, settings: Settings) -> list[list[Box]
             of_axis.append(Box(limits, members, box.setting))
         if of_axis:
             choices.append(of_axis)
-    along_axes = inside.all(axis=0)
+    along_axes = np.all(inside, axis=0)
     if len(settings.names):
         of_settings = [Box(box.limits, along_axes)]
         for members, (name, label) in zip(
