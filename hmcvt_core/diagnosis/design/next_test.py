@@ -54,7 +54,10 @@ from .advice import (
 )
 from .classes import EffectClass, merge_sets
 
-_NOT_IN_THE_LIBRARY = "look for a cause outside the library, where hmcvt diagnose estimates the largest gap"
+_NOT_IN_THE_LIBRARY = (
+    "look for a cause outside the library, where hmcvt diagnose estimates the largest "
+    "gap"
+)
 
 
 @dataclass(frozen=True, eq=False)
