@@ -254,6 +254,12 @@ NEGLIGIBLE_STEP = 0.3
 Source: chosen; its square is 0.09, or 0.045 nats.
 """
 
+CONVERGED_STEP = 0.01
+"""`NEGLIGIBLE_STEP` of the refits that are reported and served.
+
+Source: chosen; where such a refit ends then changes no printed figure.
+"""
+
 BASE_DIFFERENCE = 1e-5
 """Step of finite differences by base parameters, in scaled variables.
 
@@ -570,10 +576,10 @@ DESIGN_TESTS = 4
 Source: length of the report.
 """
 
-LEAST_TEST_GAIN = 0.05
-"""Information of a test [nats] below which it is not worth making.
+LEAST_TEST_GAIN = 0.02
+"""Information of the readings of a test [nats] below which it is not worth making.
 
-Source: chosen; reports print less as 0.0.
+Source: chosen; some 200 such tests would be needed to settle even odds.
 """
 
 SAME_TEST_PART = 0.2

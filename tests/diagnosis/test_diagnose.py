@@ -11,6 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.settings import LEAST_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,
@@ -264,7 +265,7 @@ def test_json_of_the_contract(name):
     }
     assert gap["noise_stated"] == pytest.approx(NOISE)
     assert gap["significant"] is (data["verdict"] != "no_gap") is bool(causes)
-    assert gap["significant"] is bool(data["where"])
+    assert gap["significant"] or not data["where"]
     for region in data["where"]:
         assert region.keys() == {
             *AXES,
@@ -341,7 +342,8 @@ def test_json_of_the_contract(name):
     assert shrinkage.keys() == {"before", "after", "fraction", "interval", "on"}
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
     for test in data["next_tests"]:
-        assert test.keys() == {*AXES, "separates", "gain", "measure"}
+        assert test.keys() == {*AXES, "separates", "gain", "measure", "repeats"}
+        assert test["gain"] >= LEAST_TEST_GAIN
         place = [test[axis] for axis in AXES]
         if test["displacement_ratio"] is None:
             assert place == [None, None, None]
@@ -513,8 +515,7 @@ def test_the_papers_own_tests_rest_on_the_noise(table2):
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
     assert not any("was not stated" in note for note in stated.notes)
-    assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
-    assert "no region is significant by itself" in stated.report()
+    assert stated.where == (), "no place is named that may be chance"
 
 
 def test_order_and_start_do_not_matter():
@@ -569,4 +570,4 @@ def test_the_simulated_bench_gives_these_numbers():
         *first.limits["engine_speed"],
         first.mean_residual,
         first.samples,
-    ] == pytest.approx([80.804, 147.117, -0.014969, 23], rel=1e-3)
+    ] == pytest.approx([80.804, 147.117, -0.010962, 23], rel=1e-3)

@@ -43,8 +43,8 @@ def test_hidden_effect_is_found():
 
 
 def test_next_test_asks_for_a_point_of_the_system():
-    every_fourth = fan()["simulated"]().select(np.arange(0, 60, 4))
-    found = hmcvt.diagnose_system(fan()["Fan"](), every_fourth)
+    first_ten = fan()["simulated"]().select(np.arange(10))
+    found = hmcvt.diagnose_system(fan()["Fan"](), first_ten)
     test = found.next_tests[0]
     assert set(test.point) == {"speed", "flow"}
     assert f"{test.point['flow']:.2f} m3/s" in found.report()

@@ -64,8 +64,8 @@ class NextTest:
     Attributes:
         point: values by the name of the axis; None when no operating point helps.
         separates: the two explanations that it distinguishes best, in words.
-        gain: information expected on which explanation is correct [nats]; of several readings that
-            of the first. Of a measurement outside the plan that of telling the two apart for sure.
+        gain: information expected of its readings on which explanation is correct [nats]. Of a
+            measurement outside the plan that of telling the two apart for sure.
         measure: a calibration or measurement outside the plan, or None.
         setting: label along each axis that has labels.
         repeats: how many readings to take at this point.

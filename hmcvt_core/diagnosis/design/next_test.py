@@ -120,7 +120,8 @@ def advise(
     tests = design.choose([item.label for item in candidates])
     if not tests:
         return replace(advice, reason=NOISE_HIDES_IT)
-    expected = _tests_expected(design.probabilities.max(), tests[0].gain)
+    of_one_reading = tests[0].gain / tests[0].repeats
+    expected = _tests_expected(design.probabilities.max(), of_one_reading)
     return replace(advice, tests=tests, tests_expected=expected)
 
 
@@ -256,8 +257,8 @@ class _Design:
     def choose(self, labels: Sequence[Label]) -> tuple[NextTest, ...]:
         """Choose the tests of largest gain one after another, updating after each (greedy).
 
-        A neighbour of a test chosen before that tells nothing new repeats that test. None is chosen
-        that tells too little.
+        A neighbour of a test chosen before that tells nothing new repeats that test. Tests that
+        tell too little are left out: a first reading may only prepare what its repeats tell.
         """
         predictions = self.predictions
         chosen: dict[int, NextTest] = {}
@@ -267,17 +268,27 @@ class _Design:
             # The first of those that only rounding tells apart.
             largest = int(np.argmax(gains >= (1.0 - TIE_TOLERANCE) * gains.max()))
             best = self._repeated(largest, gains, chosen)
-            if gains[best] < LEAST_TEST_GAIN:
-                break
             if best in chosen:
-                repeats = chosen[best].repeats + 1
-                chosen[best] = replace(chosen[best], repeats=repeats)
+                test = chosen[best]
+                chosen[best] = replace(
+                    test,
+                    gain=min(test.gain + float(gains[best]), self.entropy),
+                    repeats=test.repeats + 1,
+                )
             else:
                 pair = self._best_separated(distance[:, :, best], best)
                 separates = (str(labels[pair[0]]), str(labels[pair[1]]))
                 chosen[best] = self._test(best, separates, float(gains[best]))
             predictions = [item.after_reading(best) for item in predictions]
-        return tuple(chosen.values())
+        tests = [test for test in chosen.values() if test.gain >= LEAST_TEST_GAIN]
+        return tuple(tests)
+
+    @property
+    def entropy(self) -> float:
+        """Information that settles which candidate is right [nats]."""
+        from scipy.special import entr
+
+        return float(np.sum(entr(self.probabilities)))
 
     def _repeated(self, best: int, gains: Array, chosen: Iterable[int]) -> int:
         """Return the chosen test to repeat in place of the best one, or the best one.

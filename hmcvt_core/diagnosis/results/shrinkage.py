@@ -185,12 +185,16 @@ class CrossValidation:
         probabilities = [probability for _, probability in entries]
         rng = np.random.default_rng(self.analysis.seed)
         drawn = rng.choice(len(entries), DRAWS, p=probabilities)
+        most = max(len(prediction.covariance) for prediction, _ in entries)
+        # One row for each draw, whatever explanation it is of: how often one explanation is drawn
+        # changes no draw of another.
+        normal = rng.standard_normal((DRAWS, most))
         draws = np.empty((DRAWS, len(observed)))
         for i in np.unique(drawn):
             prediction, _ = entries[i]
             rows = np.flatnonzero(drawn == i)
             root = _root(prediction.covariance)
-            change = rng.standard_normal((len(rows), root.shape[1])) @ root.T
+            change = normal[rows, : root.shape[1]] @ root.T
             draws[rows] = prediction.mean[0] + change @ prediction.columns[0].T
         # Predicted minus measured, and measured minus base.
         base = _errors_at(observed, self.analysis.base)
