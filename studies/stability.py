@@ -31,8 +31,8 @@ RELATIVE_CHANGE = 1e-8
 """Standard deviation of the change of every number, as a part of it."""
 CHANGED = 0.01
 """Part of a figure by which it has changed."""
-LEAST_PROBABILITY = 1e-3
-"""Change of a probability that no report prints."""
+LEAST_PROBABILITY = 0.005
+"""Change of a probability that no report prints: they print whole percents."""
 LEAST_ERROR = 0.01
 """Change of an error of a meter or of a parameter that no report prints, in its deviations."""
 FIRST_SEED = 54_000_000

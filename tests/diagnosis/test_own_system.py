@@ -50,6 +50,13 @@ def test_next_test_asks_for_a_point_of_the_system():
     assert f"{test.point['flow']:.2f} m3/s" in found.report()
 
 
+def test_a_test_that_tells_nothing_is_not_asked_for():
+    every_sixth = fan()["simulated"]().select(np.arange(0, 60, 6))
+    found = hmcvt.diagnose_system(fan()["Fan"](), every_sixth)
+    assert found.advice.reason == "no test tells more than the noise"
+    assert found.next_tests == ()
+
+
 def test_page(tmp_path):
     hmcvt.write_html(diagnosed(), tmp_path / "fan.html")
     page = (tmp_path / "fan.html").read_text(encoding="utf-8")
