@@ -25,7 +25,7 @@ class Analysis:
     Attributes:
         posterior: over all explanations.
         boxes: candidate regions.
-        detection: significance of the gap and of each region.
+        detection: significance of the gap.
         seed: of every random number.
         classes: effects that no test distinguishes.
     """
