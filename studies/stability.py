@@ -86,21 +86,26 @@ def diagnosed(
         InputError: the campaign cannot be drawn.
     """
     if case.generator == "twin":
-        twin_case = _twin_case(case)
-        model, own = trial.at_hand(conditions.draw(twin_case))
+        of_twin = twin_case(case)
+        model, own = trial.at_hand(conditions.draw(of_twin))
         samples = own if samples is None else samples
-        return twin_case.kind, samples, hmcvt.diagnose(model, samples)
-    bench_case = bench_cases(case.number + 1, case.seed, Bench())[-1]
-    campaign, _ = judge.draw(bench_case)
+        return of_twin.kind, samples, hmcvt.diagnose(model, samples)
+    of_bench = bench_case(case)
+    campaign, _ = judge.draw(of_bench)
     model, own = judge.served(campaign)
     samples = own if samples is None else samples
     # An unlisted loss stays unlisted, whatever the list has learnt.
-    unlisted = campaign.truth.effects if bench_case.kind == "unlisted" else ()
+    unlisted = campaign.truth.effects if of_bench.kind == "unlisted" else ()
     with without_effects(unlisted):
-        return bench_case.kind, samples, hmcvt.diagnose(model, samples)
+        return of_bench.kind, samples, hmcvt.diagnose(model, samples)
 
 
-def _twin_case(case: Case) -> conditions.Case:
+def bench_case(case: Case) -> judge.Case:
+    """Return a campaign of the bench, with all its properties."""
+    return bench_cases(case.number + 1, case.seed, Bench())[-1]
+
+
+def twin_case(case: Case) -> conditions.Case:
     """Return a campaign of the twin: its kinds in a random order, all with other seeds."""
     work = conditions.cases(case.seed, 1, _NOISES)
     order = np.random.default_rng(case.seed).permutation(len(work))

@@ -209,16 +209,16 @@ def covering_boxes(
         most: number of boxes.
         settings: to which a box may be limited.
     """
+    members = np.concatenate([candidates.members, settings.members])
     extent = np.stack([coordinates.min(axis=1), coordinates.max(axis=1)], axis=1)
-    boxes = []
-    for low, high, members in zip(
-        candidates.low, candidates.high, candidates.members, strict=True
-    ):
-        boxes.append(Box(np.stack([low, high], axis=1), members))
-    for members, (name, label) in zip(settings.members, settings.names, strict=True):
-        boxes.append(Box(extent, members, {name: label}))
-    chosen = covering(np.stack([box.members for box in boxes]), target, most)
-    fitted = [boxes[i] for i in chosen]
+    fitted = []
+    for i in covering(members, target, most):
+        if i < len(candidates):
+            limits = np.stack([candidates.low[i], candidates.high[i]], axis=1)
+            fitted.append(Box(limits, members[i]))
+        else:
+            name, label = settings.names[i - len(candidates)]
+            fitted.append(Box(extent, members[i], {name: label}))
     score = -1.0
     while fitted and _score(fitted, target) > score:
         score = _score(fitted, target)

@@ -184,6 +184,7 @@ class Fit:
             self.theta,
             self.jacobian,
             whitened=self.whitened,
+            rough=True,
             noise=weights,
             negligible=CONVERGED_STEP,
         )
