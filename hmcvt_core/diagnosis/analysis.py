@@ -13,6 +13,7 @@ from .detection.significance import Significance
 from .fitting.refit import Fit
 from .selection.explanation import Explanation
 from .selection.posterior import Posterior, Weighted
+from .selection.prediction import Prediction
 from .settings import GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
 from .system import Array
 
@@ -24,7 +25,7 @@ class Analysis:
     Attributes:
         posterior: over all explanations.
         boxes: candidate regions.
-        detection: significance of the gap and of each region.
+        detection: significance of the gap.
         seed: of every random number.
         classes: effects that no test distinguishes.
     """
@@ -80,6 +81,16 @@ class Analysis:
     def expected_gap(self) -> tuple[Array, Array]:
         """Mean and standard deviation of the gap at the samples, over the posterior."""
         return self.posterior.relevant.gap_at()
+
+    @cached_property
+    def predictions(self) -> tuple[tuple[Prediction, float], ...]:
+        """Relevant explanations at the samples, with allowances, and their probabilities."""
+        observed = self.base.observed
+        predictions = []
+        for explanation, probability in self.posterior.relevant.entries:
+            prediction = explanation.prediction_at(observed, with_allowances=True)
+            predictions.append((prediction, probability))
+        return tuple(predictions)
 
     @cached_property
     def shared_errors(self) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ from .settings import (
     REPLICATES_NEEDED,
     SMALL_CAMPAIGN,
     SMOOTH_DEGREE,
+    TIE_TOLERANCE,
 )
 from .system import Array, Axis, Channel, Points
 
@@ -105,6 +106,21 @@ class Observations:
     def coordinates_of(self, points: Points) -> Array:
         """Return the values of any points along the steered axes, shape (axes, n)."""
         return np.stack([points[axis.name] for axis in self.steered])
+
+    def is_inside(self, coordinates: Array) -> NDArray[np.bool_]:
+        """Return which points lie in the range of the campaign along all steered axes.
+
+        Args:
+            coordinates: shape (axes, n).
+
+        Returns:
+            Shape (n,).
+        """
+        low = self.coordinates.min(axis=1, keepdims=True)
+        high = self.coordinates.max(axis=1, keepdims=True)
+        margin = _equality(self.coordinates)
+        inside = (coordinates >= low - margin) & (coordinates <= high + margin)
+        return np.asarray(inside.all(axis=0))
 
     @cached_property
     def smooth(self) -> SmoothFunctions:
@@ -297,7 +313,8 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
     else:
         # Clustering needs all pairs of points. A lattice of one tolerance needs none.
         label = np.unique(np.round(scaled), axis=0, return_inverse=True)[1].ravel()
-    return _renumbered(label, np.lexsort(scaled.T[::-1]))
+    order = order_of(np.stack([points[axis.name] for axis in axes]))
+    return _renumbered(label, order)
 
 
 def _renumbered(label: NDArray[np.intp], order: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -307,6 +324,36 @@ def _renumbered(label: NDArray[np.intp], order: NDArray[np.intp]) -> NDArray[np.
     number = np.empty(len(label), dtype=np.intp)
     number[order] = rank_of_group[group]
     return number
+
+
+def order_of(coordinates: Array, further: Array | None = None) -> NDArray[np.intp]:
+    """Return the indices that sort points along their axes, the last digits left out.
+
+    Args:
+        coordinates: shape (axes, n); the first axis counts most.
+        further: readings that sort repeated points, shape (channels, n), the last one first.
+
+    Returns:
+        Shape (n,).
+    """
+    keys = [*tie_free(coordinates)[::-1]]
+    if further is not None:
+        keys = [*further, *keys]
+    return np.lexsort(keys)
+
+
+def tie_free(coordinates: Array, within: Array | None = None) -> Array:
+    """Return scaled coordinates without their last digits, which then decide no tie.
+
+    Args:
+        coordinates: shape (axes, n).
+        within: as of `scaled_to_extent`.
+
+    Returns:
+        As of `scaled_to_extent`, in steps of `TIE_TOLERANCE`.
+    """
+    scaled = scaled_to_extent(coordinates, within)
+    return np.asarray(np.round(scaled / TIE_TOLERANCE) * TIE_TOLERANCE)
 
 
 def scaled_to_extent(coordinates: Array, within: Array | None = None) -> Array:
@@ -322,8 +369,17 @@ def scaled_to_extent(coordinates: Array, within: Array | None = None) -> Array:
     campaign = coordinates if within is None else within
     low = campaign.min(axis=1, keepdims=True)
     high = campaign.max(axis=1, keepdims=True)
-    width = np.maximum(high - low, 1e-12)
-    return np.asarray((2.0 * (coordinates - low) / width - 1.0).clip(-1.0, 1.0))
+    tolerance = _equality(campaign)
+    has_extent = high - low > tolerance
+    scaled = 2.0 * (coordinates - low) / np.where(has_extent, high - low, 1.0) - 1.0
+    beyond = np.where(coordinates > high + tolerance, 1.0, -1.0)
+    return np.where(has_extent, scaled, beyond).clip(-1.0, 1.0)
+
+
+def _equality(coordinates: Array) -> Array:
+    """Return the difference up to which coordinates along each axis are equal, shape (axes, 1)."""
+    largest = np.abs(coordinates).max(axis=1, keepdims=True)
+    return np.asarray(TIE_TOLERANCE * largest)
 
 
 @dataclass(frozen=True, eq=False)

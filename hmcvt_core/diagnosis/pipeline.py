@@ -30,10 +30,10 @@ from .results.summary import (
     causes_of,
     lost_power_of,
     parameters_of,
-    regions_of,
     sets_of,
     shared_errors_of,
 )
+from .results.where import regions_of
 from .selection.posterior import compute_posterior
 from .statements.agreement import Agreement, agreement_of
 from .statements.members import members_of

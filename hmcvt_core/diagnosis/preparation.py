@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .fitting.hypothesis import Hypothesis
 from .fitting.refit import Fit, refit
-from .observations import Observations, replicate_groups, scaled_to_extent
+from .observations import (
+    Observations,
+    replicate_groups,
+    scaled_to_extent,
+    tie_free,
+)
 from .settings import (
     LEAST_SAMPLES,
     MAD_TO_DEVIATION,
@@ -314,7 +319,7 @@ def spread_out(observed: Observations, most: int) -> Index:
     Returns:
         Shape (most,).
     """
-    position = (scaled_to_extent(observed.coordinates).T + 1.0) / 2.0
+    position = (tie_free(observed.coordinates).T + 1.0) / 2.0
     cell = _lattice_cells(position, most)
     order = np.random.default_rng(0).permutation(len(cell))
     on_edge = np.any((position == 0.0) | (position == 1.0), axis=1)
@@ -377,7 +382,7 @@ def outliers(observed: Observations, whitened: Array) -> Index:
     n = whitened.shape[1]
     if n < SMALL_CAMPAIGN:
         return np.array([], dtype=np.intp)
-    position = scaled_to_extent(observed.coordinates)
+    position = tie_free(observed.coordinates)
     # The nearest neighbour of a sample is the sample itself.
     nearest = cKDTree(position.T).query(position.T, OUTLIER_NEIGHBOURS + 1)[1][:, 1:]
     is_outlier = np.zeros(n, dtype=bool)

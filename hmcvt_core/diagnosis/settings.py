@@ -66,6 +66,14 @@ Source: chosen; a bench never sets a point twice to the last digit. A larger par
 points for repeats and so a gap between them for noise.
 """
 
+TIE_TOLERANCE = 1e-6
+"""Part of the largest value, or of the extent, within which coordinates are equal.
+
+Source: chosen, between the last digits of a table and how closely a bench sets a point. On a plan
+of even steps many samples are equally far from a sample or an edge; the last digits of the inputs
+must not decide between them.
+"""
+
 REPLICATES_NEEDED = 5
 """Degrees of freedom of repeated points from which they state the noise.
 
@@ -246,6 +254,12 @@ NEGLIGIBLE_STEP = 0.3
 Source: chosen; its square is 0.09, or 0.045 nats.
 """
 
+CONVERGED_STEP = 0.01
+"""`NEGLIGIBLE_STEP` of the refits that are reported and served.
+
+Source: chosen; where such a refit ends then changes no printed figure.
+"""
+
 BASE_DIFFERENCE = 1e-5
 """Step of finite differences by base parameters, in scaled variables.
 
@@ -302,10 +316,22 @@ GAP_SIGNIFICANCE = 0.02
 Source: chosen; chance alone shows as much in one campaign of fifty.
 """
 
-REGION_SIGNIFICANCE = 0.05
-"""Family-wise p value up to which a region is significant by itself.
+REGION_SIGNIFICANCE = 0.10
+"""Probability of the opposite sign of the mean gap up to which a region is reported.
 
-Source: convention.
+Source: chosen; the sign of a region is then certain at 90 %.
+"""
+
+LEAST_REGION_PART = 0.1
+"""Part of the largest mean of a region below which the mean of another is not reported.
+
+Source: chosen for reading.
+"""
+
+LEAST_REGION_DIGITS = 10.0
+"""Steps of the last printed digit below which the mean of a region is not reported.
+
+Source: chosen for reading; 0.1 points of efficiency.
 """
 
 NULL_BATCH = 64
@@ -344,7 +370,7 @@ ABSORBED_PART = 1e-6
 Source: rounding in single precision.
 """
 
-REGION_GAIN = 0.05
+REGION_GAIN = 0.03
 """Gain of the F1 score from which a further region is reported.
 
 Source: chosen on development campaigns.
@@ -608,6 +634,24 @@ DESIGN_TESTS = 4
 """Tests that are chosen at once.
 
 Source: length of the report.
+"""
+
+LEAST_TEST_GAIN = 0.02
+"""Information of the readings of a test [nats] below which it is not worth making.
+
+Source: chosen; some 200 such tests would be needed to settle even odds.
+"""
+
+SAME_TEST_PART = 0.2
+"""Part of the range of the possible tests, along every axis, within which two tests are neighbours.
+
+Source: chosen; one step of the grids of candidate tests.
+"""
+
+NOTHING_NEW_PART = 0.9
+"""Part of the gain of a test from which repeating a neighbour chosen before does as well.
+
+Source: chosen.
 """
 
 MANY_TESTS = 100.0

@@ -80,7 +80,7 @@ def hidden(case: Case, campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _left_over(campaign: Campaign, model: hmcvt.EfficiencyModel) -> FloatArray:
+def left_over(campaign: Campaign, model: hmcvt.EfficiencyModel) -> FloatArray:
     """What the meters would show without noise, less what a model says; shape (n,)."""
     stroke, speed, torque = (campaign.samples[axis] for axis in AXES)
     said = model.efficiency(
@@ -93,7 +93,7 @@ def _place(
     campaign: Campaign, found: hmcvt.Diagnosis, where: list[Any]
 ) -> dict[str, Any]:
     """Hold the samples in the regions told against those where much is left over."""
-    left = np.nan_to_num(np.abs(_left_over(campaign, found.base)))
+    left = np.nan_to_num(np.abs(left_over(campaign, found.base)))
     much = left > np.sqrt(np.mean(left**2))
     told = np.zeros(len(much), dtype=bool)
     for region in where:
@@ -118,7 +118,7 @@ def _f1(told: npt.NDArray[np.bool_], much: npt.NDArray[np.bool_]) -> float:
 def _elsewhere(campaign: Campaign, found: hmcvt.Diagnosis, seed: int) -> dict[str, Any]:
     """Ask on a fresh campaign of the same plant, against its readings without noise."""
     there = fresh(campaign, _FRESH_SEED + seed, samples=_FRESH_SAMPLES)
-    before, after = _left_over(there, found.base), _left_over(there, found.model)
+    before, after = left_over(there, found.base), left_over(there, found.model)
     recorded = {
         name: there.samples[name]
         for name in ("oil_temperature",)

@@ -11,6 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.settings import LEAST_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,
@@ -267,7 +268,7 @@ def test_json_of_the_contract(name):
     }
     assert gap["noise_stated"] == pytest.approx(NOISE)
     assert gap["significant"] is (data["verdict"] != "no_gap") is bool(causes)
-    assert gap["significant"] is bool(data["where"])
+    assert gap["significant"] or not data["where"]
     for region in data["where"]:
         assert region.keys() == {
             *AXES,
@@ -344,7 +345,8 @@ def test_json_of_the_contract(name):
     assert shrinkage.keys() == {"before", "after", "fraction", "interval", "on"}
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
     for test in data["next_tests"]:
-        assert test.keys() == {*AXES, "separates", "gain", "measure"}
+        assert test.keys() == {*AXES, "separates", "gain", "measure", "repeats"}
+        assert test["gain"] >= LEAST_TEST_GAIN
         place = [test[axis] for axis in AXES]
         if test["displacement_ratio"] is None:
             assert place == [None, None, None]
@@ -516,8 +518,7 @@ def test_the_papers_own_tests_rest_on_the_noise(table2):
     assert stated.gap.p_value == pytest.approx(0.008, abs=2e-3)
     assert f"--noise 0.0085 gives p = {stated.gap.p_value:.2g}" in note
     assert not any("was not stated" in note for note in stated.notes)
-    assert stated.where[0].p_value > 0.05, "a place that may be chance is called so"
-    assert "no region is significant by itself" in stated.report()
+    assert stated.where == (), "no place is named that may be chance"
 
 
 def test_order_and_start_do_not_matter():
@@ -549,16 +550,16 @@ def test_the_simulated_bench_gives_these_numbers():
     probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx(
         {
-            ("bearing_drag",): 0.299,
-            ("charge_pump",): 0.296,
+            ("bearing_drag",): 0.301,
+            ("charge_pump",): 0.294,
             ("clutch_drag",): 0.099,
             ("brake_drag",): 0.046,
         },
         abs=5e-3,
     )
     assert found.unlisted == pytest.approx(0.196, abs=5e-3)
-    assert found.shrinkage.fraction == pytest.approx(0.9235, abs=2e-3)
-    assert found.shrinkage.interval == pytest.approx((-1.187, 0.995), abs=1e-2)
+    assert found.shrinkage.fraction == pytest.approx(0.9322, abs=2e-3)
+    assert found.shrinkage.interval == pytest.approx((-1.059, 0.993), abs=1e-2)
     assert found.delivered.rmse_after == pytest.approx(0.004829, rel=5e-3)
     assert found.lost_power == pytest.approx(1679.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
@@ -566,10 +567,10 @@ def test_the_simulated_bench_gives_these_numbers():
         (10.5, 6.0, 15.0), rel=1e-2
     )
     drift = found.causes[0].drift["pump_damping"]
-    assert [*drift.values()] == pytest.approx([0.09892, 0.07981, 4.355], rel=5e-3)
+    assert [*drift.values()] == pytest.approx([0.09892, 0.07987, 4.294], rel=5e-3)
     first = found.where[0]
     assert [
         *first.limits["engine_speed"],
         first.mean_residual,
         first.samples,
-    ] == pytest.approx([80.804, 147.117, -0.014969, 23], rel=1e-3)
+    ] == pytest.approx([80.804, 147.117, -0.01096, 23], rel=1e-3)

@@ -43,11 +43,18 @@ def test_hidden_effect_is_found():
 
 
 def test_next_test_asks_for_a_point_of_the_system():
-    few = fan()["simulated"]().select(np.arange(0, 60, 7))
-    found = hmcvt.diagnose_system(fan()["Fan"](), few)
+    first_ten = fan()["simulated"]().select(np.arange(10))
+    found = hmcvt.diagnose_system(fan()["Fan"](), first_ten)
     test = found.next_tests[0]
     assert set(test.point) == {"speed", "flow"}
     assert f"{test.point['flow']:.2f} m3/s" in found.report()
+
+
+def test_a_test_that_tells_nothing_is_not_asked_for():
+    every_sixth = fan()["simulated"]().select(np.arange(0, 60, 6))
+    found = hmcvt.diagnose_system(fan()["Fan"](), every_sixth)
+    assert found.advice.reason == "no test tells more than the noise"
+    assert found.next_tests == ()
 
 
 def test_page(tmp_path):

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ...diagnosis import Diagnosis, NextTest
+from ...diagnosis import Diagnosis
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
 from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
@@ -100,7 +100,6 @@ class Baseline:
             notes += self._curve_notes(diagnosis)
         return replace(
             diagnosis,
-            next_tests=_distinct(diagnosis.next_tests),
             causes=causes,
             sets=sets,
             verdict=verdict,
@@ -261,19 +260,6 @@ def _as_member(diagnosis: Diagnosis, cause: Cause, effect: Any) -> Cause:
         source=effect.source,
         remedy=effect.remedy,
     )
-
-
-def _distinct(tests: Iterable[NextTest]) -> tuple[NextTest, ...]:
-    """Return tests with each operating point once, that of the largest gain.
-
-    Against a baseline, repeats of one point often tell most, and the first one says so.
-    """
-    distinct: list[NextTest] = []
-    for test in tests:
-        known = [(other.point, other.setting, other.measure) for other in distinct]
-        if (test.point, test.setting, test.measure) not in known:
-            distinct.append(test)
-    return tuple(distinct)
 
 
 def _without_gap(diagnosis: Diagnosis) -> Diagnosis:

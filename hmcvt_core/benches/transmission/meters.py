@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...diagnosis.observations import SESSION, Observations, SharedError
+from ...diagnosis.settings import TIE_TOLERANCE
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
 from .channels import ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED_CHANNEL
@@ -123,13 +124,16 @@ def sessions_of(samples: BenchSamples) -> Sessions:
     time = np.arange(n, dtype=float) if stamp is None else stamp
     phase = np.zeros(n)
     direction = np.zeros(n)
+    # The last digits of a torque that was held are no direction.
+    tolerance = TIE_TOLERANCE * float(samples.load_torque.max())
     for session in range(count):
         rows = np.flatnonzero(index == session)
         in_order = rows[np.argsort(time[rows], kind="stable")]
         phase[in_order] = _scaled_time(time[in_order])
         if stamp is not None:
             steps = np.diff(samples.load_torque[in_order])
-            direction[in_order[1:]] = np.sign(steps)
+            is_step = np.abs(steps) > tolerance
+            direction[in_order[1:]] = np.where(is_step, np.sign(steps), 0.0)
     return Sessions(index, count, phase, direction, names)
 
 

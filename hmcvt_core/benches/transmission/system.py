@@ -50,6 +50,18 @@ MOST_VALUES = 2048
 LEAST_POWER = 4e3
 """Output power below which benches read the efficiency poorly [W]; chosen for candidate tests."""
 
+LEAST_OUTPUT_PART = 0.1
+"""Part of the usual output speed of a stage below which a test is too near the reversal.
+
+Source: chosen. Where the output nearly stands still, small errors of the stroke decide its sign.
+"""
+HIGHEST_PRESSURE = 45e6
+"""Highest pressure of a test unless the campaign has a higher one [Pa].
+
+Source: maximum pressure of axial piston units for closed circuits (Bosch Rexroth, RA 92003: A4VG,
+nominal 400 bar, maximum 450 bar).
+"""
+
 _COST_OF_MISSING_COLUMN = {
     "output_speed": "losses of flow and of torque look alike",
     "oil_temperature": "viscosity and a fan cannot be judged",
@@ -158,17 +170,26 @@ class Transmission:
         return ranges.OperatingPoints(**known)
 
     def candidates(self, points: Points, base: Array) -> Points:
-        """Return tests over the working range of engine and campaign that the model can carry.
+        """Return tests over the working range of engine and campaign that the machine can carry.
+
+        The model has an answer, the output turns as in the campaign and not too slowly, and the
+        pressure is one that units carry.
 
         Args:
             points: operating points measured so far.
             base: scaled base parameters, shape (p,).
         """
         possible = _with_every_stage(_grid(points), points)
-        efficiency = self.predict(base, (), possible)[0]
-        usable = ranges.EFFICIENCY.contains(
-            efficiency
-        )  # NaN, no answer, is not contained
+        measured = self.predict(base, (), points)
+        efficiency, output_speed, pressure = self.predict(base, (), possible)
+        highest = np.nanmax(np.abs(measured[2]), initial=HIGHEST_PRESSURE)
+        usual = _usual_in_stage(measured[1], points, possible)
+        # NaN, no answer, is not contained.
+        usable = (
+            ranges.EFFICIENCY.contains(efficiency)
+            & (np.abs(pressure) <= highest)
+            & (output_speed * np.sign(usual) >= LEAST_OUTPUT_PART * np.abs(usual))
+        )
         return {name: values[usable] for name, values in possible.items()}
 
     def lost_power(self, points: Points, expected: Array, real: Array) -> Array:
@@ -288,3 +309,24 @@ def _with_every_stage(possible: dict[str, Array], points: Points) -> dict[str, A
     repeated = {name: np.tile(values, len(stages)) for name, values in possible.items()}
     repeated[STAGE.name] = np.repeat(stages, count)
     return repeated
+
+
+def _usual_in_stage(measured: Array, points: Points, possible: Points) -> Array:
+    """Return the median of a reading over the campaign in the stage of each possible test.
+
+    Args:
+        measured: at the points of the campaign, shape (n,).
+        points: of the campaign.
+        possible: tests in the stages of the campaign, m of them.
+
+    Returns:
+        Shape (m,).
+    """
+    count = len(possible[ENGINE_SPEED.name])
+    if STAGE.name not in points:
+        return np.full(count, np.nanmedian(measured))
+    usual = np.empty(count)
+    for stage in np.unique(points[STAGE.name]):
+        in_stage = points[STAGE.name] == stage
+        usual[possible[STAGE.name] == stage] = np.nanmedian(measured[in_stage])
+    return usual

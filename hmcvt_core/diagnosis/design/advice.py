@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -10,6 +11,7 @@ from typing import Any
 
 from ...files import preformatted
 from ..selection.search import Names
+from ..settings import LEAST_TEST_GAIN
 from ..system import Axis
 from ..wording import listed, probability, wrapped
 from .classes import EffectClass, merge_sets, with_probabilities
@@ -17,6 +19,7 @@ from .classes import EffectClass, merge_sets, with_probabilities
 NO_GAP_WORTH_A_TEST = "no gap worth a test"
 SETTLED = "settled"
 CANNOT_BE_SETTLED = "cannot be settled by tests"
+NOISE_HIDES_IT = "no test tells more than the noise"
 
 
 class Kind(Enum):
@@ -61,9 +64,11 @@ class NextTest:
     Attributes:
         point: values by the name of the axis; None when no operating point helps.
         separates: the two explanations that it distinguishes best, in words.
-        gain: information expected on which explanation is correct [nats].
+        gain: information expected of its readings on which explanation is correct [nats]. Of a
+            measurement outside the plan that of telling the two apart for sure.
         measure: a calibration or measurement outside the plan, or None.
         setting: label along each axis that has labels.
+        repeats: how many readings to take at this point.
     """
 
     point: Mapping[str, float] | None
@@ -71,6 +76,7 @@ class NextTest:
     gain: float
     measure: str | None = None
     setting: Mapping[str, str] = field(default_factory=dict)
+    repeats: int = 1
 
 
 @dataclass(frozen=True)
@@ -78,9 +84,10 @@ class Advice:
     """What to measure next.
 
     Attributes:
-        reason: to stop, `settled`, `cannot be settled by tests` or `no gap worth a test`; None
-            where a further test is worth making.
-        tests: the next one, and what may be made along with it; empty where none helps.
+        reason: to stop, `settled`, `cannot be settled by tests`, `no test tells more than the
+            noise` or `no gap worth a test`; None where a further test is worth making.
+        tests: the next one, and what may be made along with it, no two alike; empty where none
+            helps.
         measure: what settles it where no test can, or None.
         parted: the two explanations that `measure` distinguishes, in words; None for the likeliest.
         tests_expected: how many more, by the first; 0 where no test helps.
@@ -122,11 +129,13 @@ class Advice:
         """The tests, and the measurement that settles it where no test does."""
         if self.measure is None or len(self.candidates) < 2:
             return self.tests
-        separates = self.parted
-        if separates is None:
-            (first, _), (second, _), *_ = self.candidates
-            separates = (named(first), named(second))
-        return (*self.tests, NextTest(None, separates, 0.0, self.measure))
+        (first, _), (second, _), *_ = self.candidates
+        separates = self.parted or (named(first), named(second))
+        shares = {named(names): share for names, share in self.candidates}
+        gain = _information_of_two(*(shares.get(name, 0.0) for name in separates))
+        if gain < LEAST_TEST_GAIN:
+            return self.tests
+        return (*self.tests, NextTest(None, separates, gain, self.measure))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt next --json`."""
@@ -137,6 +146,7 @@ class Advice:
                 **(first.point or {}),
                 "stage": None,
                 **first.setting,
+                "repeats": first.repeats,
                 "channels": list(self.channels),
             }
         return {
@@ -165,7 +175,7 @@ class Advice:
             lines.append(f"stop: {self.reason}")
         else:
             lines += [
-                f"next test: {point_in_words(self.tests[0], self.axes)}; "
+                f"next test: {test_in_words(self.tests[0], self.axes)}; "
                 f"read {listed(self.channels, 'and')}",
                 f"about {self.tests_expected} more tests until it is settled",
             ]
@@ -186,6 +196,25 @@ class Advice:
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())
+
+
+def _information_of_two(one: float, other: float) -> float:
+    """Return the information that tells two conclusions apart for sure [nats].
+
+    Args:
+        one: probability of the first.
+        other: probability of the second.
+    """
+    both = one + other
+    if min(one, other) <= 0.0:
+        return 0.0
+    return -one * math.log(one / both) - other * math.log(other / both)
+
+
+def test_in_words(test: NextTest, axes: Sequence[Axis]) -> str:
+    """Return the operating point of a test and how often to read it."""
+    words = point_in_words(test, axes)
+    return words if test.repeats == 1 else f"{words}, {test.repeats} times"
 
 
 def point_in_words(test: NextTest, axes: Sequence[Axis]) -> str:

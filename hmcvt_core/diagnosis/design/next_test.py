@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,17 +28,23 @@ from ..selection.prediction import Prediction
 from ..settings import (
     DESIGN_EXPLANATIONS,
     DESIGN_TESTS,
+    LEAST_TEST_GAIN,
     LIKELY,
     MANY_TESTS,
+    NOTHING_NEW_PART,
     RELEVANT_PROBABILITY,
+    REPLICATE_TOLERANCE,
     ROUNDING,
+    SAME_TEST_PART,
     SETTLED_PROBABILITY,
+    TIE_TOLERANCE,
 )
 from ..system import Array, Axis, Points
 from .advice import (
     CANNOT_BE_SETTLED,
     NO_GAP,
     NO_GAP_WORTH_A_TEST,
+    NOISE_HIDES_IT,
     SETTLED,
     UNLISTED,
     Advice,
@@ -48,7 +54,10 @@ from .advice import (
 )
 from .classes import EffectClass, merge_sets
 
-_LOOK_AT_REGIONS = "look at the regions that hmcvt diagnose reports"
+_NOT_IN_THE_LIBRARY = (
+    "look for a cause outside the library, where hmcvt diagnose estimates the largest "
+    "gap"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +101,7 @@ def advise(
         return replace(advice, reason=NO_GAP_WORTH_A_TEST)
     leading = explaining[0]
     if leading.probability >= SETTLED_PROBABILITY:
-        measure = _LOOK_AT_REGIONS if leading.label.kind is Kind.UNLISTED else None
+        measure = _NOT_IN_THE_LIBRARY if leading.label.kind is Kind.UNLISTED else None
         return replace(advice, reason=SETTLED, measure=measure)
     candidates = [*with_twins(explaining, classes), no_gap]
     design = _Design.of(candidates, base, possible)
@@ -109,7 +118,10 @@ def advise(
                 advice, reason=CANNOT_BE_SETTLED, measure=measure, parted=parted
             )
     tests = design.choose([item.label for item in candidates])
-    expected = _tests_expected(design.probabilities.max(), tests[0].gain)
+    if not tests:
+        return replace(advice, reason=NOISE_HIDES_IT)
+    of_one_reading = tests[0].gain / tests[0].repeats
+    expected = _tests_expected(design.probabilities.max(), of_one_reading)
     return replace(advice, tests=tests, tests_expected=expected)
 
 
@@ -243,18 +255,76 @@ class _Design:
         )
 
     def choose(self, labels: Sequence[Label]) -> tuple[NextTest, ...]:
-        """Choose the tests of largest gain one after another, updating after each (greedy)."""
+        """Choose the tests of largest gain one after another, updating after each (greedy).
+
+        A neighbour of a test chosen before that tells nothing new repeats that test. Tests that
+        tell too little are left out: a first reading may only prepare what its repeats tell.
+        """
         predictions = self.predictions
-        chosen = []
+        chosen: dict[int, NextTest] = {}
         for _ in range(DESIGN_TESTS):
             distance = _distances(predictions)
             gains = self._expected_information(distance)
-            best = int(np.argmax(gains))
-            pair = self._best_separated(distance[:, :, best], best)
-            separates = (str(labels[pair[0]]), str(labels[pair[1]]))
-            chosen.append(self._test(best, separates, float(gains[best])))
+            # The first of those that only rounding tells apart.
+            largest = int(np.argmax(gains >= (1.0 - TIE_TOLERANCE) * gains.max()))
+            best = self._repeated(largest, gains, chosen)
+            if best in chosen:
+                test = chosen[best]
+                chosen[best] = replace(
+                    test,
+                    gain=min(test.gain + float(gains[best]), self.entropy),
+                    repeats=test.repeats + 1,
+                )
+            else:
+                pair = self._best_separated(distance[:, :, best], best)
+                separates = (str(labels[pair[0]]), str(labels[pair[1]]))
+                chosen[best] = self._test(best, separates, float(gains[best]))
             predictions = [item.after_reading(best) for item in predictions]
-        return tuple(chosen)
+        tests = [test for test in chosen.values() if test.gain >= LEAST_TEST_GAIN]
+        return tuple(tests)
+
+    @property
+    def entropy(self) -> float:
+        """Information that settles which candidate is right [nats]."""
+        from scipy.special import entr
+
+        return float(np.sum(entr(self.probabilities)))
+
+    def _repeated(self, best: int, gains: Array, chosen: Iterable[int]) -> int:
+        """Return the chosen test to repeat in place of the best one, or the best one.
+
+        Args:
+            best: index of the test of largest gain.
+            gains: of each test, shape (n,).
+            chosen: indices of the tests chosen before.
+        """
+        for index in chosen:
+            does_as_well = gains[index] >= NOTHING_NEW_PART * gains[best]
+            if self._are_equal(index, best):
+                return index
+            if does_as_well and self._are_neighbours(index, best):
+                return index
+        return best
+
+    def _are_equal(self, one: int, other: int) -> bool:
+        """Whether a bench cannot set two tests apart."""
+        for axis in self.axes:
+            row = self.points[axis.name]
+            tolerance = max(axis.tolerance, REPLICATE_TOLERANCE * float(np.ptp(row)))
+            if abs(row[one] - row[other]) > tolerance:
+                return False
+        return True
+
+    def _are_neighbours(self, one: int, other: int) -> bool:
+        """Whether two tests lie close along every axis, with the same labels."""
+        for axis in self.axes:
+            row = self.points[axis.name]
+            reach = SAME_TEST_PART * float(np.ptp(row)) + axis.tolerance
+            if axis.labels:
+                reach = 0.0
+            if abs(row[one] - row[other]) > reach:
+                return False
+        return True
 
     def _expected_information(self, distance: Array) -> Array:
         """Lower bound of the information of each test [nats], shape (n,)."""

@@ -24,13 +24,9 @@ class Significance(NamedTuple):
 
     Attributes:
         p_value: of the largest statistic over regions and effects together.
-        region_channel: index of the channel that shows each region most clearly, shape (boxes,).
-        region_p: family-wise p value of each region, shape (boxes,).
     """
 
     p_value: float
-    region_channel: NDArray[np.intp]
-    region_p: Array
 
 
 def significance(
@@ -53,9 +49,7 @@ def significance(
     if len(fit.observed) < SMALL_CAMPAIGN:
         # Bonferroni over two tests: the shape of the scatter, and its size.
         p_value = min(1.0, 2.0 * min(p_value, looks.lack_of_fit(whitened)))
-    of_boxes = observed.boxes[0]
-    largest = of_boxes.max(axis=0)
-    return Significance(p_value, of_boxes.argmax(axis=0), _p_values(null[0], largest))
+    return Significance(p_value)
 
 
 def _null_maxima(

@@ -18,7 +18,7 @@ from ..observations import (
     SESSION,
     Observations,
     replicate_groups,
-    scaled_to_extent,
+    tie_free,
 )
 from ..settings import FOLD_ASSIGNMENTS, FOLDS
 from ..system import Array
@@ -80,7 +80,7 @@ def block_assignments(observed: Observations, seed: int) -> list[list[Fold]]:
     """
     from scipy.cluster.vq import kmeans2
 
-    scaled = scaled_to_extent(observed.coordinates).T
+    scaled = tie_free(observed.coordinates).T
     points = len(np.unique(scaled, axis=0))
     assignments = []
     for i in range(BLOCK_ASSIGNMENTS):

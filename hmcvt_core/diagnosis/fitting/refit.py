@@ -27,6 +27,7 @@ from ..observations import Observations
 from ..settings import (
     AUXILIARY_VARIANCE_RATIO,
     BASE_DIFFERENCE,
+    CONVERGED_STEP,
     INVISIBLE_SIGNATURE,
     NEGLIGIBLE_STEP,
     NO_ANSWER,
@@ -185,6 +186,7 @@ class Fit:
             whitened=self.whitened,
             rough=True,
             noise=weights,
+            negligible=CONVERGED_STEP,
         )
 
     def observations_at(self, points: Points) -> Observations:
@@ -231,6 +233,7 @@ def refit(
     whitened: Array | None = None,
     rough: bool = False,
     noise: Array | None = None,
+    negligible: float = NEGLIGIBLE_STEP,
 ) -> Fit:
     """Fit base parameters, sizes and free shapes within their bounds (Gauss-Newton).
 
@@ -248,12 +251,13 @@ def refit(
             been made or if the next one is negligible.
         noise: variance of each channel by which it is weighed, shape (channels,); estimated from
             the residuals if None. `Fit.noise` of the result is estimated in either case.
+        negligible: deviations by which a step has to change the prediction.
     """
     theta = _start(hypothesis, start)
     if whitened is None:
         whitened = _whitened(hypothesis, observed, theta)
     first = _Trial(theta, whitened)
-    descent = _descend(hypothesis, observed, first, slopes, rough, noise)
+    descent = _descend(hypothesis, observed, first, slopes, rough, noise, negligible)
     if not descent.is_exact:
         # A gap of a thousand deviations shows an error of a thousandth in its signature.
         jacobian = _jacobian(hypothesis, observed, descent.theta, descent.whitened)
@@ -298,6 +302,7 @@ def _descend(
     slopes: Array | None,
     rough: bool,
     noise: Array | None,
+    negligible: float,
 ) -> _Descent:
     """Make Gauss-Newton steps until none is better; arguments as of `refit`."""
     theta, whitened = start
@@ -313,12 +318,12 @@ def _descend(
         objective = _Objective(hypothesis, np.sqrt(variance)[:, None])
         columns = objective.columns(jacobian)
         aim = gauss_newton_aim(objective, columns, whitened, theta)
-        negligible = np.linalg.norm(columns @ (aim - theta)) < NEGLIGIBLE_STEP
+        is_negligible = np.linalg.norm(columns @ (aim - theta)) < negligible
         search = _NO_STEP
-        if not negligible:
-            search = line_search(objective, observed, theta, whitened, aim)
+        if not is_negligible:
+            search = line_search(objective, observed, theta, whitened, aim, negligible)
         if search.accepted is None:
-            is_good_enough = rough and (negligible or has_moved)
+            is_good_enough = rough and (is_negligible or has_moved)
             if is_exact or is_good_enough:
                 is_stuck = search.lost_answer and not has_moved
                 return _Descent(theta, whitened, jacobian, is_exact, is_stuck)
@@ -404,6 +409,7 @@ def line_search(
     theta: Array,
     whitened: Array,
     aim: Array,
+    negligible: float = NEGLIGIBLE_STEP,
 ) -> _LineSearch:
     """Try parts of a step until one reduces the sum of squares.
 
@@ -413,9 +419,10 @@ def line_search(
         theta: where the step starts, shape (p,).
         whitened: residuals there, shape (channels, n).
         aim: where the whole step ends, shape (p,).
+        negligible: as of `refit`; a reduction by less than its square is none.
     """
     start_squares = np.sum(objective.residuals(whitened, theta) ** 2)
-    sufficient = start_squares - NEGLIGIBLE_STEP**2
+    sufficient = start_squares - negligible**2
     unanswered = whitened == NO_ANSWER
     lost_answer = False
     for part in STEP_PARTS:
@@ -483,7 +490,12 @@ def _start(hypothesis: Hypothesis, start: Array | None) -> Array:
 
 
 def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
-    """Refit with the shapes of all effects free, from where a refit ended."""
+    """Refit with the shapes of all effects free, from where a refit ended.
+
+    Args:
+        fit: the refit.
+        rough: as of `refit`; otherwise the refit goes on until it has converged.
+    """
     before = fit.hypothesis
     observed = fit.observed
     free = replace(before, effects=fit.effects, free_shapes=len(fit.effects))
@@ -497,7 +509,16 @@ def with_free_shapes(fit: Fit, rough: bool = False) -> Fit:
     slopes[..., ~known] = _jacobian(
         free, observed, theta, fit.whitened, np.flatnonzero(~known).tolist()
     )
-    return refit(free, observed, theta, slopes, whitened=fit.whitened, rough=rough)
+    negligible = NEGLIGIBLE_STEP if rough else CONVERGED_STEP
+    return refit(
+        free,
+        observed,
+        theta,
+        slopes,
+        whitened=fit.whitened,
+        rough=rough,
+        negligible=negligible,
+    )
 
 
 def refit_without(fit: Fit, i: int) -> Fit:

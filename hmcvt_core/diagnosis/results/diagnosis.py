@@ -24,7 +24,10 @@ class Diagnosis(Outcome):
         nowhere = {axis.name: None for axis in self.axes}
         data = {
             "gap": _fields(self.gap),
-            "where": [{**region.limits, **_fields(region)} for region in self.where],
+            "where": [
+                {**region.limits, **region.setting, **_fields(region)}
+                for region in self.where
+            ],
             "component": self.component,
             "verdict": self.verdict,
             "causes": [_fields(cause) for cause in self.causes],
@@ -37,7 +40,8 @@ class Diagnosis(Outcome):
             "shrinkage": _fields(self.shrinkage),
             "delivered": _fields(self.delivered),
             "next_tests": [
-                {**(test.point or nowhere), **_fields(test)} for test in self.next_tests
+                {**(test.point or nowhere), **test.setting, **_fields(test)}
+                for test in self.next_tests
             ],
             "advice": self.advice.to_dict(),
             "notes": self.notes,

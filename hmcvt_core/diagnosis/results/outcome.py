@@ -56,10 +56,12 @@ class Region:
 
     Attributes:
         limits: (low, high) by the name of the axis, SI.
-        mean_residual: measured - predicted of the first channel, mean over the box.
+        mean_residual: estimated gap of the first channel, measured - predicted, mean over the
+            samples in the box.
         samples: number of samples in the box.
-        p_value: family-wise, over all boxes tested.
+        p_value: probability, given a gap, that this mean has the opposite sign.
         channel: the reading that shows the difference most clearly.
+        setting: label along an axis that has labels, as the stage, where the box is limited to one.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -67,6 +69,7 @@ class Region:
     samples: int
     p_value: float
     channel: str
+    setting: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -284,7 +287,7 @@ class Outcome:
 
     @property
     def significant_region(self) -> Region | None:
-        """The first of `where` that is significant by itself; None where none is."""
+        """The first of `where`, whose sign is certain; None where there is none."""
         for region in self.where:
             if region.p_value <= REGION_SIGNIFICANCE:
                 return region

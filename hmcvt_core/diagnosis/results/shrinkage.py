@@ -38,7 +38,7 @@ from ..fitting.cross_validation import (
     session_assignments,
 )
 from ..fitting.refit import Fit
-from ..observations import Observations, scaled_to_extent
+from ..observations import Observations, tie_free
 from ..preparation import describe_samples
 from ..selection.explanation import Explanation
 from ..settings import DRAWS, LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
@@ -181,17 +181,20 @@ class CrossValidation:
         An explanation is drawn by its probability, then its coefficients from their posterior.
         """
         observed = self.analysis.base.observed
-        entries = self.analysis.posterior.relevant.entries
+        entries = self.analysis.predictions
         probabilities = [probability for _, probability in entries]
         rng = np.random.default_rng(self.analysis.seed)
         drawn = rng.choice(len(entries), DRAWS, p=probabilities)
+        most = max(len(prediction.covariance) for prediction, _ in entries)
+        # One row for each draw, whatever explanation it is of: how often one explanation is drawn
+        # changes no draw of another.
+        normal = rng.standard_normal((DRAWS, most))
         draws = np.empty((DRAWS, len(observed)))
         for i in np.unique(drawn):
-            explanation, _ = entries[i]
-            prediction = explanation.prediction_at(observed, with_allowances=True)
+            prediction, _ = entries[i]
             rows = np.flatnonzero(drawn == i)
             root = _root(prediction.covariance)
-            change = rng.standard_normal((len(rows), root.shape[1])) @ root.T
+            change = normal[rows, : root.shape[1]] @ root.T
             draws[rows] = prediction.mean[0] + change @ prediction.columns[0].T
         # Predicted minus measured, and measured minus base.
         base = _errors_at(observed, self.analysis.base)
@@ -221,11 +224,9 @@ def shares_of_range(base: Fit) -> Array:
     observed = base.observed
     tests = base.hypothesis.system.candidates(observed.points, base.base)
     possible = observed.coordinates_of(tests)
-    low = observed.coordinates.min(axis=1, keepdims=True)
-    high = observed.coordinates.max(axis=1, keepdims=True)
-    inside = ((possible >= low) & (possible <= high)).all(axis=0)
+    inside = observed.is_inside(possible)
     within = np.concatenate([possible[:, inside], observed.coordinates], axis=1)
-    within = scaled_to_extent(within, observed.coordinates).T
+    within = tie_free(within, observed.coordinates).T
     points, point, repeats = np.unique(
         within[-len(observed) :], axis=0, return_inverse=True, return_counts=True
     )

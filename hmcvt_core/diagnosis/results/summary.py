@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis import Analysis, model_of, rms
-from ..detection.regions import covering
+from ..analysis import Analysis, model_of
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior
@@ -20,7 +19,6 @@ from ..settings import (
     LEADING_SETS,
     MOST_CAUSES,
     MOST_CAUSES_UNEXPLAINED,
-    MOST_REGIONS,
     RELEVANT_PROBABILITY,
     ROUNDING,
     SIZE_SPREADS,
@@ -32,7 +30,6 @@ from .outcome import (
     Cause,
     CauseSet,
     ParameterEstimate,
-    Region,
     SharedErrorEstimate,
 )
 from .shrinkage import CrossValidation
@@ -215,37 +212,6 @@ def sets_of(analysis: Analysis, validation: CrossValidation) -> tuple[CauseSet, 
             )
         sets.append(entry)
     return tuple(sets)
-
-
-def regions_of(analysis: Analysis) -> tuple[Region, ...]:
-    """Return the fewest regions that hold the points at which the expected gap exceeds its rms."""
-    boxes = analysis.boxes
-    if not analysis.significant or not len(boxes):
-        return ()
-    expected, _ = analysis.expected_gap
-    large = np.abs(expected) > rms(expected)
-    chosen = covering(boxes.members, large, MOST_REGIONS)
-    chosen.sort(key=lambda box: -abs(np.sum(expected[boxes.members[box]])))
-    return tuple(_region(analysis, box) for box in chosen)
-
-
-def _region(analysis: Analysis, box: int) -> Region:
-    boxes = analysis.boxes
-    observed = analysis.base.observed
-    # The regions are those of the machine's gap, so the errors of meters stay in the residuals.
-    residuals = analysis.base.with_shared_errors[0] * observed.deviation[0]
-    inside = boxes.members[box]
-    limits = {}
-    for i, axis in enumerate(observed.steered):
-        limits[axis.name] = (float(boxes.low[box, i]), float(boxes.high[box, i]))
-    channel = observed.channels[analysis.detection.region_channel[box]]
-    return Region(
-        limits=limits,
-        mean_residual=float(residuals[inside].mean()),
-        samples=int(inside.sum()),
-        p_value=float(analysis.detection.region_p[box]),
-        channel=channel.name,
-    )
 
 
 def lost_power_of(

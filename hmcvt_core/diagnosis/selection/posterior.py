@@ -22,7 +22,7 @@ import numpy as np
 
 from ..detection.regions import Regions
 from ..fitting.refit import Fit
-from ..observations import Observations
+from ..observations import Observations, order_of
 from ..settings import (
     DRAWS,
     LEADING_SETS,
@@ -356,7 +356,7 @@ def _bagged(
     even = np.full(n, 1.0 / n)
     extra_counts = rng.multinomial(n, even, DRAWS) - 1.0
     # Draws are assigned in the order of the readings, so the order of the rows does not matter.
-    order = np.lexsort([*observed.measured, *observed.coordinates])
+    order = order_of(observed.coordinates[::-1], observed.measured)
     extra_counts[:, order] = extra_counts.copy()
     slopes = []
     for explanation in explanations:

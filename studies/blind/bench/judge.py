@@ -17,6 +17,7 @@ from studies.blind.bench.campaign import Campaign, fresh_state, make_campaign
 from studies.blind.bench.classes import classes_of
 from studies.blind.bench.confusion import Confusion, confusion_of
 from studies.blind.bench.library import listed_name, without_effects
+from studies.blind.bench.plant import Settings, State
 from studies.blind.bench.properties import Bench
 from studies.blind.bench.scores import DETECTABLE
 from studies.blind.effect import FloatArray
@@ -165,22 +166,10 @@ def _elsewhere(
 ) -> dict[str, Any]:
     """Compare with the machine itself at fresh tests, on a bench without errors."""
     programme, settings, state = fresh_state(campaign, FRESH_TESTS)
-    engine = state.engine_torque
-    output = state.output_torque
-    for effect in campaign.truth.effects:
-        engine, output = effect.read(engine, output)
-    power = output * state.output_speed
-    efficiency = power / (engine * settings.engine_speed)
-    points: dict[str, FloatArray] = {
-        "displacement_ratio": settings.displacement_ratio,
-        "engine_speed": settings.engine_speed,
-        "load_torque": power / settings.engine_speed,
-    }
-    if "oil_temperature" in campaign.columns:
-        points["oil_temperature"] = settings.oil_temperature
+    efficiency, points = true_efficiency(campaign, settings, state)
     names = [campaign.layout.trains[number].name for number in programme.stage]
-    before = efficiency - _predicted(found.base, points, names)
-    after = efficiency - _predicted(found.model, points, names)
+    before = efficiency - predicted(found.base, points, names)
+    after = efficiency - predicted(found.model, points, names)
     recorded = dict(points)
     stages = list(model.stages)
     if len(stages) > 1 and len(campaign.layout.trains) > 1:
@@ -203,7 +192,33 @@ def _elsewhere(
     }
 
 
-def _predicted(
+def true_efficiency(
+    campaign: Campaign, settings: Settings, state: State
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the efficiency of the machine on a bench without errors, and the points by axis.
+
+    Args:
+        campaign: with the machine.
+        settings: true settings of tests, n of them.
+        state: true state of these.
+    """
+    engine = state.engine_torque
+    output = state.output_torque
+    for effect in campaign.truth.effects:
+        engine, output = effect.read(engine, output)
+    power = output * state.output_speed
+    efficiency = power / (engine * settings.engine_speed)
+    points: dict[str, FloatArray] = {
+        "displacement_ratio": settings.displacement_ratio,
+        "engine_speed": settings.engine_speed,
+        "load_torque": power / settings.engine_speed,
+    }
+    if "oil_temperature" in campaign.columns:
+        points["oil_temperature"] = settings.oil_temperature
+    return np.asarray(efficiency), points
+
+
+def predicted(
     model: Any, points: dict[str, FloatArray], names: list[str]
 ) -> FloatArray:
     """Efficiency that a model predicts at tests of several stages."""

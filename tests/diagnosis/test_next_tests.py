@@ -1,0 +1,128 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Tests that are advised: different, worth making, and such that the machine can run them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core.test_several_stages import TRACTOR, bench
+
+import hmcvt_core as hmcvt
+from diagnosis.campaigns import BASE, NOISE, campaign
+from hmcvt_core.benches.transmission import Transmission
+from hmcvt_core.benches.transmission.system import (
+    HIGHEST_PRESSURE,
+    LEAST_OUTPUT_PART,
+)
+from hmcvt_core.diagnosis.design import advice as wording
+from hmcvt_core.diagnosis.design.advice import NextTest
+from hmcvt_core.diagnosis.settings import LEAST_TEST_GAIN
+from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
+from hmcvt_core.physics.effects.hydraulic import PressureLeakage
+from hmcvt_core.physics.effects.mechanical import (
+    ChargePump,
+    Churning,
+    ClutchDrag,
+    PlanetaryMesh,
+)
+from hmcvt_core.transmission import ranges
+
+AXES = ("displacement_ratio", "engine_speed", "load_torque")
+EFFECTS = {
+    "nothing": (),
+    "mesh": (PlanetaryMesh(0.03),),
+    "leakage": (PressureLeakage(1e-11, 1.5),),
+    "dead band": (DisplacementDeadBand(0.03),),
+    "pump": (ChargePump(6.0),),
+    "two": (Churning(10.0, 2.0), PressureLeakage(1e-11, 1.5)),
+}
+FEW = [(name, n) for name in EFFECTS for n in (8, 12, 20)]
+
+
+def check(model, samples, tests):
+    """Assert what holds of every list of tests."""
+    keys = [(*(test.point or {}).values(), *test.setting.values()) for test in tests]
+    keys = [(key, test.measure) for key, test in zip(keys, tests, strict=True)]
+    assert len(set(keys)) == len(keys), "no test is listed twice"
+    for test in tests:
+        assert test.gain >= LEAST_TEST_GAIN
+        if test.point is None:
+            assert test.measure
+            assert test.repeats == 1
+            continue
+        stage = test.setting.get("stage")
+        check_point(model.in_stage(stage), test, samples)
+
+
+def check_point(model, test, samples):
+    """Assert that a machine can run a test."""
+    point = [np.array([test.point[axis]]) for axis in AXES]
+    for value, within in zip(
+        point,
+        (ranges.DISPLACEMENT_RATIO, ranges.ENGINE_SPEED, ranges.LOAD_TORQUE),
+        strict=True,
+    ):
+        assert within.contains(value)
+    low, high = ranges.ENGINE_SPEED_LIMITS
+    speeds = samples.engine_speed
+    assert min(low, speeds.min()) <= point[1] <= max(high, speeds.max())
+    efficiency, speed, pressure = model.readings_at(ranges.OperatingPoints(*point))[:3]
+    assert np.isfinite(efficiency)
+    assert speed > 0.0, "the output turns as in the campaign"
+    assert abs(pressure) < 1.1 * HIGHEST_PRESSURE
+
+
+@pytest.mark.parametrize(("name", "n"), FEW)
+def test_tests_differ_and_can_be_run(name, n):
+    samples = campaign(EFFECTS[name], seed=n, n=n)
+    advice = hmcvt.next_test(BASE, samples, noise=NOISE)
+    assert advice.stop or advice.tests
+    check(BASE, samples, advice.next_tests)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_test_lies_where_the_stage_reverses(seed):
+    """The lowest stage of the tractor turns backwards at one end of the stroke."""
+    worn = replace(TRACTOR, effects=(ClutchDrag(8.0),))
+    everything = bench(("HM1", "HM4"), 24, seed, worn)
+    point = [getattr(everything, axis) for axis in AXES]
+    stages = np.array(everything.extra["stage"])
+    speed = TRACTOR.output_speed(*point, stage=stages)
+    samples = everything.select(np.flatnonzero(speed > 0.0)[:24])
+    advice = hmcvt.next_test(TRACTOR, samples, noise=0.004)
+    check(TRACTOR, samples, advice.next_tests)
+
+
+def test_candidates_keep_away_from_the_reversal():
+    samples = bench(("HM1", "HM4"), 24, 1)
+    system = Transmission(TRACTOR)
+    points = {axis: getattr(samples, axis) for axis in AXES}
+    stages = list(TRACTOR.stages)
+    names = samples.extra["stage"]
+    points["stage"] = np.array([float(stages.index(name)) for name in names])
+    base = system.base.mean
+    possible = system.candidates(points, base)
+    measured = system.predict(base, (), points)
+    _, speed, pressure = system.predict(base, (), possible)
+    for number in np.unique(points["stage"]):
+        usual = np.nanmedian(measured[1, points["stage"] == number])
+        of_stage = speed[possible["stage"] == number]
+        assert (of_stage * np.sign(usual) >= LEAST_OUTPUT_PART * abs(usual)).all()
+    assert np.abs(pressure).max() <= max(HIGHEST_PRESSURE, np.nanmax(measured[2]))
+
+
+def test_one_possible_test_is_repeated():
+    samples = campaign(EFFECTS["mesh"], seed=8, n=8)
+    one = samples.select(np.array([3]))
+    advice = hmcvt.next_test(BASE, samples, noise=NOISE, possible=one)
+    (test,) = advice.tests
+    assert test.repeats > 1
+    assert f", {test.repeats} times" in advice.report()
+    assert advice.to_dict()["test"]["repeats"] == test.repeats
+
+
+def test_one_reading_needs_no_number():
+    advice = hmcvt.next_test(BASE, campaign(EFFECTS["mesh"], seed=8, n=8), noise=NOISE)
+    point = dict.fromkeys(AXES, 100.0)
+    test = NextTest(point, ("a", "b"), 1.0)
+    assert "times" not in wording.test_in_words(test, advice.axes)
