@@ -20,7 +20,7 @@ import click
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.benches.transmission import with_empirical_remainder
+from hmcvt_core.benches.transmission import without_remainder
 from hmcvt_core.errors import InputError
 from hmcvt_core.fleet.executors import Processes
 from studies.blind.campaign import Campaign, fresh, make_campaign
@@ -94,13 +94,10 @@ def measured(case: Case) -> dict[str, Any]:
     campaign = draw(case)
     shipped, samples = at_hand(campaign)
     diagnosis = hmcvt.diagnose(shipped, samples)
-    handed_over = diagnosis.model
-    if diagnosis.verdict == "unexplained":
-        handed_over = with_empirical_remainder(diagnosis).model
     models = {
         "identified": hmcvt.identify(samples).model,
-        "diagnosed": diagnosis.model,
-        "remainder": handed_over,
+        "diagnosed": without_remainder(diagnosis).model,
+        "remainder": diagnosis.model,
     }
     tests = fresh(campaign, FRESH_SEED + case.seed, samples=FRESH_TESTS)
     coverage = {name: _coverage(model, tests) for name, model in models.items()}

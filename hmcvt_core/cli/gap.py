@@ -9,6 +9,7 @@ import click
 from ..benches import transmission
 from ..benches.unit import UnitChange, UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
+from ..diagnosis.wording import plain
 from ..files.bench import BenchSamples, read_bench
 from ..files.logs.opening import is_log
 from ..files.units import AXES, KINDS, UnitSamples, read_unit
@@ -59,14 +60,14 @@ READERS = "hmcvt.readers"
     "saved",
     type=common.OutputFile(),
     metavar="P.yaml",
-    help="Write the model with the leading set of causes in it; see --empirical.",
+    help="Write the model that predicts samples left out best; see --empirical.",
 )
 @click.option(
     "--empirical/--no-empirical",
     default=True,
     show_default=True,
-    help="With --save-model and verdict unexplained: add what the model misses as a smooth "
-    "empirical remainder, where it predicts samples left out better.",
+    help="With --save-model: add what the effects leave as a smooth empirical remainder, where "
+    "that predicts samples left out better.",
 )
 @click.option(
     "--mission",
@@ -110,22 +111,15 @@ def diagnose(
             baseline=sound,
         )
     lines = []
-    remainder = None
     if saved is not None:
-        model_to_save = diagnosis.model
-        added = _added_effects(diagnosis)
-        if empirical and diagnosis.verdict == "unexplained":
-            remainder = transmission.with_empirical_remainder(diagnosis)
-            model_to_save = remainder.model
-            added = _added_remainder(remainder)
-        save_model(model_to_save, saved)
-        lines.append(f"model{added} written to {saved}")
+        if not empirical and diagnosis.delivered.bumps:
+            diagnosis = transmission.without_remainder(diagnosis)
+        save_model(diagnosis.model, saved)
+        lines.append(f"model{_contents(diagnosis)} written to {saved}")
     if picture is not None:
         save(draw_gap, picture, diagnosis)
         lines.append(f"picture written to {picture}")
     answer = _answer(diagnosis, report, lines)
-    if remainder is not None:
-        answer.value["delivered"]["rmse_empirical"] = remainder.rmse_with
     if cycle is None:
         return answer
     return with_gap_cost(answer, diagnosis, model, cycle)
@@ -143,28 +137,22 @@ def _answer(
     return Answer(diagnosis.to_dict(), [diagnosis.report(), *lines])
 
 
-def _added_remainder(remainder: transmission.EmpiricalRemainder) -> str:
-    """Return in words which remainder the saved model holds."""
-    if not remainder.bumps:
-        return ""
-    without = 100.0 * remainder.rmse_without
-    with_it = 100.0 * remainder.rmse_with
-    return (
-        f" with an empirical remainder ({without:.2f} -> {with_it:.2f} points rms at samples "
-        "left out)"
-    )
-
-
-def _added_effects(diagnosis: Diagnosis) -> str:
-    """Return in words which effects the saved model holds."""
-    if diagnosis.model is diagnosis.base:
-        return ""
-    leading = diagnosis.sets[0]
-    words = f" with {' and '.join(leading.effects)}"
-    alone = len(diagnosis.twins_of(leading.effects)) == 1
-    if diagnosis.verdict != "cause_found" or not alone:
-        words += f" ({100 * leading.probability:.0f} %, not certain)"
-    return words
+def _contents(diagnosis: Diagnosis) -> str:
+    """Return in words what the saved model holds, and its error at samples left out."""
+    delivered = diagnosis.delivered
+    if delivered.kind == "base":
+        return " without an effect"
+    parts = []
+    if diagnosis.named is not None:
+        leading = diagnosis.sets[0]
+        names = " and ".join(plain(name) for name in leading.effects)
+        parts.append(f"{names} ({100 * leading.probability:.0f} %)")
+    if delivered.bumps:
+        parts.append(f"an empirical remainder of {delivered.bumps} bumps")
+    before = 100.0 * delivered.rmse_before
+    after = 100.0 * delivered.rmse_after
+    errors = f"{before:.2f} -> {after:.2f} points rms at samples left out"
+    return f" with {' and '.join(parts)} ({errors})"
 
 
 @common.command(

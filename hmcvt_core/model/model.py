@@ -19,6 +19,7 @@ from ..files.bench import BenchSamples
 from ..physics.balance import BalanceSolver
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
+from ..physics.effects.empirical import EmpiricalLoss
 from ..physics.formulation import FORMULATIONS as _FORMULATIONS
 from ..physics.formulation import Formulation, Solver, formulation_named
 from ..physics.single_point import Point
@@ -85,6 +86,8 @@ class EfficiencyModel:
         units: pump and motor that were tested by themselves, by kind.
         misfit: root mean square of what the model misses at samples left out of its fit, beyond
             noise and errors of the parameters [-]; 0 where it is not known.
+        remainder_deviation: standard deviation of an empirical remainder far from the bumps that
+            state it [-]; 0 where there is none.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -101,12 +104,14 @@ class EfficiencyModel:
     other_stages: tuple[Stage, ...] = ()
     units: Mapping[str, MeasuredUnit] = field(default_factory=dict)
     misfit: float = 0.0
+    remainder_deviation: float = 0.0
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
         require_parameters(self.parameters)
         require_effects(self.effects)
         ranges.MISFIT.check(self.misfit)
+        ranges.MISFIT.check(self.remainder_deviation, "remainder_deviation")
         self._formulation.require_valid(self.stage, self.effects)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -350,8 +355,8 @@ class EfficiencyModel:
     ) -> Prediction:
         """Efficiency with its standard error, and whether the data covered the point.
 
-        The standard error holds the errors of the parameters and `misfit`. Arguments, shapes and
-        errors are those of `efficiency`.
+        The standard error holds the errors of the parameters and `misfit`, and grows away from the
+        bumps of an empirical remainder. Arguments, shapes and errors are those of `efficiency`.
         """
         point = (displacement_ratio, engine_speed, load_torque)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
@@ -360,11 +365,31 @@ class EfficiencyModel:
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
         depends = slopes.any(axis=-1)
         variance = np.maximum(variance, 0.0) + self.misfit**2
+        variance = variance + self._remainder_variance(point, stage)
         error = np.where(depends, np.sqrt(variance), np.nan)
         inside = np.zeros(error.shape, dtype=bool)
         if self.domain is not None:
             inside = inside | self.domain.contains(*point)
         return Prediction(_plain(efficiency), _plain(error), _plain(inside))
+
+    def _remainder_variance(
+        self, point: Sequence[ArrayLike], stage: ArrayLike | None
+    ) -> Array | float:
+        """Return the variance of an empirical remainder at points [-].
+
+        That of a Gaussian process whose value is known at the nearest bump, s^2 (1 - k^2).
+        """
+        if self.remainder_deviation == 0.0:
+            return 0.0
+        names = self.stage.name if stage is None else stage
+        axes = [np.asarray(values, dtype=float) for values in point]
+        *axes, names = np.broadcast_arrays(*axes, np.asarray(names))
+        nearest = np.zeros(axes[0].shape)
+        for effect in self.effects:
+            if isinstance(effect, EmpiricalLoss):
+                acts = names == effect.stage if effect.stage else True
+                nearest = np.maximum(nearest, acts * effect.closeness(*axes))
+        return np.asarray(self.remainder_deviation**2 * (1.0 - nearest**2))
 
     def sensitivity(self, *point: Any) -> tuple[Any, Array]:
         """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
@@ -600,6 +625,8 @@ class EfficiencyModel:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.misfit > 0.0:
             data["misfit"] = float(self.misfit)
+        if self.remainder_deviation > 0.0:
+            data["remainder_deviation"] = float(self.remainder_deviation)
         if self.effects:
             data["effects"] = [effect_to_mapping(effect) for effect in self.effects]
         if self.domain is not None:

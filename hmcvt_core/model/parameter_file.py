@@ -63,12 +63,13 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
                 "formulation",
                 "correlation",
                 "misfit",
+                "remainder_deviation",
                 "provenance",
             )
         ),
         "served": None,  # what a node adds on its topic ~/model
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
-        "effects": dict.fromkeys(("effect", "form", "part", "parameters")),
+        "effects": dict.fromkeys(("effect", "form", "part", "stage", "parameters")),
         "domain": dict.fromkeys(AXES),
         "transmission": _GEAR_TRAIN,
     },
@@ -196,6 +197,11 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         provenance=provenance,
         units={} if units is None else measured_units(units),
         misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
+        remainder_deviation=(
+            file.number("remainder_deviation", low=0.0)
+            if "remainder_deviation" in data
+            else 0.0
+        ),
     )
 
 

@@ -64,7 +64,7 @@ class BalanceSolver:
         stage: of any layout.
         parameters: of the units; parameters of shape (..., 1) give results of shape (..., n). So do
             gear efficiencies of the stage.
-        effects: further losses.
+        effects: further losses; those of another stage do not act.
     """
 
     def __init__(
@@ -73,7 +73,9 @@ class BalanceSolver:
         self.stage = stage
         self.mechanical_ratio = stage.mechanical_speed_ratio
         self._parameters = parameters
-        self._effects = tuple(effects)
+        self._effects = tuple(
+            effect for effect in effects if effect.stage in ("", stage.name)
+        )
         self._pump_on_row = stage.layout == "output_coupled"
         self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}

@@ -572,6 +572,7 @@ class Shafts(SteadyState):
             clutches or ((0.0, 1.0),),
             abs(self.flow_ratio),
             self.points.oil_temperature,
+            self.points.displacement_ratio + zeros,
         )
 
     def _motor_pressure(self, torque: Array, speed: Array, direction: Array) -> Array:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.benches.transmission import with_empirical_remainder
 
 from .campaigns import BASE, campaign, diagnosed
 
@@ -52,7 +51,7 @@ def test_base_states_the_gap(unexplained, fresh):
 
 
 def test_remainder_states_what_it_leaves(unexplained, fresh):
-    model = with_empirical_remainder(unexplained).model
+    model = unexplained.model
     assert 0.0 < model.misfit < 0.7 * unexplained.base.misfit
     assert coverage(model, fresh) > 0.85
 

@@ -12,7 +12,7 @@ from .channels import (
     STAGE,
 )
 from .readings import observe
-from .remainder import EmpiricalRemainder, with_empirical_remainder
+from .served import EmpiricalRemainder, with_empirical_remainder, without_remainder
 from .system import Transmission
 
 __all__ = [
@@ -31,4 +31,5 @@ __all__ = [
     "read_plan",
     "separable",
     "with_empirical_remainder",
+    "without_remainder",
 ]

@@ -22,6 +22,7 @@ from .channels import AXES, CHANNELS
 from .meters import with_meter_errors
 from .misfit import with_misfits
 from .readings import distinct_observations, held_out_observations, observe
+from .served import with_served_model
 from .system import Transmission
 
 
@@ -96,7 +97,7 @@ def diagnose(
         seed=seed,
         progress=progress,
     )
-    return with_misfits(diagnosis)
+    return with_served_model(with_misfits(diagnosis))
 
 
 def next_test(

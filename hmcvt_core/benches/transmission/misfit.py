@@ -39,6 +39,23 @@ def with_misfits(diagnosis: AnyDiagnosis, inherited: float = 0.0) -> AnyDiagnosi
     return replace(diagnosis, base=base, causes=tuple(causes))
 
 
+def with_misfit(
+    diagnosis: Diagnosis, model: EfficiencyModel, left_out: Array
+) -> EfficiencyModel:
+    """Return a model with the misfit that errors at samples left out show.
+
+    Args:
+        diagnosis: gives noise and samples.
+        model: any.
+        left_out: its errors there [-], shape (m,).
+    """
+    errors = parameter_errors(model, diagnosis.samples)
+    known = errors[np.isfinite(errors)]
+    of_parameters = float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+    noise = believed_noise(diagnosis)
+    return replace(model, misfit=misfit(left_out, noise, of_parameters))
+
+
 def _gap_after(diagnosis: Diagnosis, cause: Cause) -> float:
     """Return the gap that the model of a cause leaves; on a holdout if the set leads."""
     if cause.effect in diagnosis.sets[0].effects:
@@ -58,7 +75,7 @@ def _with_gap(
 
 def parameter_errors(model: EfficiencyModel, samples: BenchSamples) -> Array:
     """Return the standard error of the efficiency from the parameters [-], shape (n,)."""
-    exact = replace(model, misfit=0.0)
+    exact = replace(model, misfit=0.0, remainder_deviation=0.0)
     return np.asarray(exact.predict(*samples.points).standard_error)
 
 

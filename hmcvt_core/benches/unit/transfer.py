@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def _effects_of_the_pair(
     for effect in unit.model.effects:
         if not _acts_in_the_pair(effect, kind, present):
             continue
-        sizes = {
+        sizes: dict[str, Any] = {
             item.name: _size_in_the_pair(effect, item, scale, share_of_larger)
             for item in effect.sizes()
         }

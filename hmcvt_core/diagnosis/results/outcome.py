@@ -144,10 +144,14 @@ class Delivered:
     Attributes:
         rmse_before: of the refitted base model.
         rmse_after: of the model that is saved.
+        kind: what that is: `base`, `leading set` or `average`.
+        bumps: number of bumps of an empirical remainder in it.
     """
 
     rmse_before: float
     rmse_after: float
+    kind: str = "base"
+    bumps: int = 0
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ class Explanation:
     @property
     def is_base_discrepancy(self) -> bool:
         """Whether it is a base model that is a little off and nothing else."""
-        if self.names or self.discrepancy is None:
+        if self.fit.hypothesis.effects or self.discrepancy is None:
             return False
         return self.discrepancy.is_base
 
@@ -190,7 +190,7 @@ class Explanation:
             at_points = linearise(fit.hypothesis, points, fit.theta, fit.noise)
         model = self.model if with_allowances else self.plain_model
         columns = at_points.jacobian
-        if with_allowances and self.names:
+        if with_allowances and fit.hypothesis.effects:
             allowed = allowed_columns(at_points, fit.observed, 1.0)
             columns = allowed.of_families(self.families).columns
         # The prediction is of the machine: errors of meters are no part of it.

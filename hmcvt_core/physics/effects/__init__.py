@@ -144,7 +144,12 @@ def _subclasses(base: type[Effect]) -> list[type[Effect]]:
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     """Return an effect as plain data."""
-    words = {"effect": effect.name, "form": effect.form, "part": effect.part}
+    words = {
+        "effect": effect.name,
+        "form": effect.form,
+        "part": effect.part,
+        "stage": effect.stage,
+    }
     return {
         **{key: word for key, word in words.items() if word},
         "parameters": {
@@ -183,7 +188,10 @@ def effect_from_mapping(data: object, where: str = "effect") -> Effect:
         values[key] = float(
             Range(place, limits.low, limits.high, limits.unit).check(value)
         )
-    return kind(**values, part=part)
+    stage = data.get("stage", "")
+    if not isinstance(stage, str):
+        raise InputError(f"{where}.stage = {stage!r} is not the name of a stage")
+    return kind(**values, part=part, stage=stage)
 
 
 def _known(name: str, form: str, where: str) -> type[Effect]:

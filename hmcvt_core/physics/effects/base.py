@@ -47,6 +47,7 @@ class ShaftState(NamedTuple):
             stage say; without data one that slips as the output turns.
         pump_per_motor: V_p / V_m [-].
         oil_temperature: [deg C]; None where it is not known.
+        commanded_ratio: displacement ratio as bench files state it [-]; None for a single unit.
     """
 
     engine_speed: Array
@@ -63,6 +64,7 @@ class ShaftState(NamedTuple):
     open_clutches: Sequence[tuple[float, float]] = ((0.0, 1.0),)
     pump_per_motor: float = 1.0
     oil_temperature: Array | None = None
+    commanded_ratio: Array | None = None
 
     @property
     def delivered_speed(self) -> Array:
@@ -187,6 +189,7 @@ class Effect:
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
+        stage: name of the stage in which alone it acts; empty where in all.
     """
 
     name: ClassVar[str] = ""
@@ -201,6 +204,7 @@ class Effect:
     varied: ClassVar[tuple[str, ...]] = ()
 
     part: str = field(default="", kw_only=True)
+    stage: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():

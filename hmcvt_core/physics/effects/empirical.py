@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Effect, ShaftState, Value, shape, size
+from .base import Array, Effect, ShaftState, Value, shape, size
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,17 @@ class EmpiricalLoss(Effect):
 
     def engine_drag(self, state: ShaftState) -> Value:
         load = state.load_power / state.engine_speed
+        stroke = state.displacement_ratio
+        if state.commanded_ratio is not None:
+            stroke = state.commanded_ratio
+        height = self.closeness(stroke, state.engine_speed, load)
+        return self.torque * height
+
+    def closeness(self, stroke: Array, speed: Array, load: Array) -> Array:
+        """Return exp(-r^2 / 2) at points, 1 at the centre."""
         squared = (
-            ((state.displacement_ratio - self.stroke) / self.stroke_width) ** 2
-            + ((state.engine_speed - self.speed) / self.speed_width) ** 2
+            ((stroke - self.stroke) / self.stroke_width) ** 2
+            + ((speed - self.speed) / self.speed_width) ** 2
             + ((load - self.load) / self.load_width) ** 2
         )
-        return self.torque * np.exp(-0.5 * squared)
+        return np.asarray(np.exp(-0.5 * squared))

@@ -1,0 +1,372 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+r"""The one model of a diagnosis that is handed over: saved, exported and served.
+
+Three predictions of the efficiency compete on data left out, whole sessions and blocks of
+neighbouring tests:
+
+- the refitted base model;
+- the base model with the leading set of effects, where one is named;
+- the average over all explanations, unlisted losses among them (Bayesian model averaging; Hoeting
+  et al. 1999, Stat. Sci. 14, 382), with a Gaussian process for what they leave of the readings
+  (Kennedy & O'Hagan 2001, J. R. Stat. Soc. B 63, 425).
+
+The base model is kept unless another one lowers the squared error by more than its standard error.
+The average is put into the model as bumps of engine torque (`physics.effects.empirical`), stage by
+stage, so that every user of the model takes the same object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...diagnosis import Diagnosis
+from ...diagnosis.analysis import rms
+from ...diagnosis.fitting.cross_validation import (
+    block_assignments,
+    cross_validated_errors,
+    session_assignments,
+)
+from ...diagnosis.observations import Observations, scaled_to_extent
+from ...diagnosis.results.outcome import Delivered
+from ...diagnosis.selection.explanation import Explanation
+from ...diagnosis.settings import SMALL_CAMPAIGN
+from ...diagnosis.system import Array, Points
+from ...model.model import EfficiencyModel
+from .bumps import with_bumps
+from .channels import STAGE
+from .gaussian_process import GaussianProcess, fit_gaussian_process
+from .misfit import with_misfit
+
+BASE = "base"
+LEADING_SET = "leading set"
+AVERAGE = "average"
+STANDARD_ERRORS = 1.0
+"""Standard errors by which a gain has to exceed zero; chosen: one in six by chance."""
+LEAST_GAIN = 0.05
+"""Part of the squared error that a model has to remove; chosen, a smaller gain is of no use."""
+MOST_SAMPLES = 300
+"""Most samples that a Gaussian process is conditioned on. Limit of computing time."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmpiricalRemainder:
+    """A model with a remainder, and its errors at samples left out.
+
+    Attributes:
+        model: with the remainder, or without where it lowers no error.
+        bumps: number of bumps that are added.
+        rmse_without: error of the refitted base model [-].
+        rmse_with: error of `model` [-].
+    """
+
+    model: EfficiencyModel
+    bumps: int
+    rmse_without: float
+    rmse_with: float
+
+
+@dataclass(frozen=True)
+class HandedOver:
+    """What is handed over, and why.
+
+    Attributes:
+        kind: `base`, `leading set` or `average`.
+        model: the model.
+        bumps: number of bumps in it.
+        rmse_before: error of the refitted base model at samples left out [-].
+        rmse_after: error of the model at the same samples [-]; not above `rmse_before`.
+    """
+
+    kind: str
+    model: EfficiencyModel
+    bumps: int
+    rmse_before: float
+    rmse_after: float
+
+
+def with_served_model(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the model that is handed over, and its errors at samples left out.
+
+    Args:
+        diagnosis: of a transmission; without a gap it is returned as it is.
+    """
+    if diagnosis.verdict in ("no_gap", "excess_scatter"):
+        return diagnosis
+    handed = handed_over(diagnosis)
+    notes = diagnosis.notes
+    if handed.kind == BASE:
+        notes = (
+            *notes,
+            "no model with more than the base lowers the error at tests left out by more than "
+            "chance: the base model is kept",
+        )
+    return replace(
+        diagnosis,
+        served=handed.model,
+        delivered=Delivered(
+            handed.rmse_before, handed.rmse_after, handed.kind, handed.bumps
+        ),
+        notes=notes,
+    )
+
+
+def without_remainder(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis whose model holds no empirical remainder.
+
+    Args:
+        diagnosis: of a transmission.
+    """
+    handed = handed_over(diagnosis, empirical=False)
+    delivered = Delivered(handed.rmse_before, handed.rmse_after, handed.kind)
+    return replace(diagnosis, served=handed.model, delivered=delivered)
+
+
+def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
+    """Return the model that predicts samples left out best.
+
+    Args:
+        diagnosis: of a transmission.
+        empirical: whether bumps may be part of it.
+    """
+    campaign = _Campaign(diagnosis)
+    predictions = {BASE: campaign.base}
+    if diagnosis.named is not None:
+        predictions[LEADING_SET] = campaign.leading
+    if empirical and len(campaign.observed) >= SMALL_CAMPAIGN:
+        predictions[AVERAGE] = campaign.average
+    before = predictions[BASE].left_out
+    best = BASE
+    for kind, prediction in predictions.items():
+        errors = prediction.left_out
+        lower = np.mean(errors**2) < np.mean(predictions[best].left_out ** 2)
+        if kind != BASE and lower and campaign.gains(before, errors):
+            best = kind
+    model, bumps = campaign.model_of(best)
+    after = predictions[best].left_out
+    root_mean_square = np.sqrt(np.mean(after**2, axis=0))
+    model = with_misfit(diagnosis, model, root_mean_square)
+    return HandedOver(best, model, bumps, rms(before), rms(after))
+
+
+def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
+    """Return the model that is handed over; `diagnosis.model` is the same.
+
+    Args:
+        diagnosis: of a transmission.
+    """
+    delivered = diagnosis.delivered
+    return EmpiricalRemainder(
+        diagnosis.model,
+        delivered.bumps,
+        delivered.rmse_before,
+        delivered.rmse_after,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """Errors of a prediction of the efficiency.
+
+    Attributes:
+        left_out: at samples left out, of each assignment to folds, shape (assignments, n) [-].
+    """
+
+    left_out: Array
+
+
+class _Campaign:
+    """A campaign that is diagnosed, and the predictions that compete.
+
+    Args:
+        diagnosis: of it.
+    """
+
+    def __init__(self, diagnosis: Diagnosis) -> None:
+        self.diagnosis = diagnosis
+        self.posterior = diagnosis.posterior
+        self.observed: Observations = self.posterior.base_only.fit.observed
+        self.assignments = [
+            *block_assignments(self.observed, diagnosis.seed),
+            *session_assignments(self.observed),
+        ]
+
+    @cached_property
+    def base(self) -> _Prediction:
+        return _Prediction(self._errors(self.posterior.base_only))
+
+    @cached_property
+    def leading(self) -> _Prediction:
+        return _Prediction(self._errors(self._leading))
+
+    @property
+    def _leading(self) -> Explanation:
+        explanation, _ = self.posterior.sets[self.diagnosis.sets[0].effects]
+        return explanation
+
+    @cached_property
+    def average(self) -> _Prediction:
+        """The average over the explanations with the Gaussian process."""
+        average = np.zeros((len(self.assignments), len(self.observed)))
+        for explanation, probability in self.posterior.entries:
+            average += probability * self._errors(explanation)
+        rows = []
+        for errors, folds in zip(average, self.assignments, strict=True):
+            corrected = errors.copy()
+            for fold in folds:
+                kept = np.setdiff1d(self._conditioned, fold)
+                corrected[fold] -= self._process.given(kept, self._residuals)(
+                    self._coordinates[:, fold], self._stage[fold]
+                )
+            rows.append(corrected)
+        return _Prediction(np.stack(rows))
+
+    def _errors(self, explanation: Explanation) -> Array:
+        """Return errors of the efficiency at samples left out, shape (assignments, n)."""
+        rows = []
+        for folds in self.assignments:
+            rows.append(
+                cross_validated_errors(explanation.plain_model, self.observed, [folds])
+            )
+        return np.stack(rows) + self._taken_by_meters(explanation)
+
+    def _taken_by_meters(self, explanation: Explanation) -> Array:
+        """Return what an explanation takes for errors of meters and the average does not [-], (n,).
+
+        The base model alone takes a part of the gap for the zero of a meter.
+        """
+        shared = explanation.fit.hypothesis.shared
+        excess = explanation.plain_model.mean[shared] - self._meter_errors
+        change = self.observed.shared_columns[0] @ excess
+        return np.asarray(change * self.observed.deviation[0])
+
+    @cached_property
+    def _meter_errors(self) -> Array:
+        """Errors of meters, averaged over the explanations, in prior deviations, shape (m,)."""
+        errors = np.zeros(self.observed.shared_count)
+        for explanation, probability in self.posterior.entries:
+            shared = explanation.fit.hypothesis.shared
+            errors += probability * explanation.model.mean[shared]
+        return errors
+
+    def gains(self, before: Array, after: Array) -> bool:
+        """Return whether errors are lower by more than chance, block by block.
+
+        Args:
+            before: errors of the base model, shape (assignments, n).
+            after: errors of another one, the same shape.
+        """
+        total = float(np.mean(before**2))
+        standard_errors = []
+        gains = []
+        for folds, old, new in zip(self.assignments, before, after, strict=True):
+            gain = old**2 - new**2
+            of_blocks = np.array([np.sum(gain[fold]) for fold in folds]) / len(gain)
+            gains.append(gain.mean())
+            spread = np.std(of_blocks, ddof=1) if len(folds) > 1 else np.inf
+            standard_errors.append(spread * np.sqrt(len(folds)))
+        gain = float(np.mean(gains))
+        error = float(np.mean(standard_errors))
+        return gain > max(STANDARD_ERRORS * error, LEAST_GAIN * total)
+
+    # --- what the explanations leave of the readings -----------------------------------------
+
+    @cached_property
+    def _coordinates(self) -> Array:
+        """Operating points scaled to 0 ... 1, shape (3, n)."""
+        return self._scaled(self.observed.points)
+
+    @cached_property
+    def _stage(self) -> Array:
+        return self._stage_of(self.observed.points)
+
+    def _scaled(self, points: Points) -> Array:
+        campaign = self.observed.coordinates
+        scaled = scaled_to_extent(self.observed.coordinates_of(points), campaign)
+        return np.asarray((scaled + 1.0) / 2.0)
+
+    def _stage_of(self, points: Points) -> Array:
+        count = len(next(iter(points.values())))
+        return np.asarray(points.get(STAGE.name, np.zeros(count)))
+
+    @cached_property
+    def _conditioned(self) -> NDArray[np.intp]:
+        """Samples that the process is conditioned on, evenly picked if there are many."""
+        n = len(self.observed)
+        return np.unique(np.linspace(0, n - 1, min(n, MOST_SAMPLES)).astype(int))
+
+    @cached_property
+    def _residuals(self) -> Array:
+        """What the average over the explanations leaves of the efficiency [-], shape (n,)."""
+        left = np.zeros(len(self.observed))
+        for explanation, probability in self.posterior.entries:
+            residual = (
+                explanation.plain_model.residual()[0] * self.observed.deviation[0]
+            )
+            left += probability * (residual + self._taken_by_meters(explanation))
+        return left
+
+    @cached_property
+    def _process(self) -> GaussianProcess:
+        noise = self.observed.deviation[0]
+        likeliest, _ = self.posterior.entries[0]
+        if self.observed.assumed:
+            noise = noise * np.sqrt(likeliest.model.noise[0])
+        kept = self._conditioned
+        return fit_gaussian_process(
+            self._coordinates[:, kept],
+            self._stage[kept],
+            self._residuals[kept],
+            noise[kept],
+            not self.observed.assumed,
+        ).at(self._coordinates, self._stage, noise)
+
+    # --- the model -----------------------------------------------------------------------------
+
+    def model_of(self, kind: str) -> tuple[EfficiencyModel, int]:
+        """Return the model of a prediction, and how many bumps it holds."""
+        base: EfficiencyModel = self.diagnosis.base
+        if kind == BASE:
+            return base, 0
+        start = base
+        if self.diagnosis.named is not None:
+            start = self.diagnosis.named.model
+        if kind == LEADING_SET:
+            return start, 0
+        samples = self.observed.points
+        points = self._range()
+        wanted = self._average_at(points)
+        at_samples = self._average_at(samples)
+        names = list(base.stages)
+        return with_bumps(
+            start,
+            {name: np.append(samples[name], points[name]) for name in samples},
+            np.append(at_samples, wanted),
+            len(self.observed),
+            names,
+            self._process.deviation,
+        )
+
+    def _range(self) -> Points:
+        """Return tests that can be run between the lowest and highest of each axis."""
+        fit = self.posterior.base_only.fit
+        tests = fit.hypothesis.system.candidates(self.observed.points, fit.base)
+        campaign = self.observed.coordinates
+        possible = self.observed.coordinates_of(tests)
+        low = campaign.min(axis=1, keepdims=True)
+        high = campaign.max(axis=1, keepdims=True)
+        inside = ((possible >= low) & (possible <= high)).all(axis=0)
+        return {name: np.asarray(tests[name])[inside] for name in self.observed.points}
+
+    def _average_at(self, points: Points) -> Array:
+        """Return the efficiency of the average with the process [-], shape (n,)."""
+        fit = self.posterior.base_only.fit
+        base = fit.hypothesis.system.predict(fit.base, (), points)[0]
+        gap, _ = self.posterior.gap_at(points)
+        process = self._process.given(self._conditioned, self._residuals)
+        return np.asarray(
+            base + gap + process(self._scaled(points), self._stage_of(points))
+        )
