@@ -36,11 +36,12 @@ from ..model.model import EfficiencyModel
 from ..monitoring import Opening
 from ..transmission.parameters import PARAMETER_NAMES
 from . import figures
+from .answer import VERDICTS
 from .operating_points import draw_operating_points
 from .panels import draw_opening, draw_separation
 from .pictures import draw_fit, draw_surface, drawn
 from .power_maps import draw_breakdown, draw_engine
-from .sheet import VERDICTS, sheet
+from .sheet import sheet
 from .style import TEMPLATES, render, report_format
 from .surface import draw_map
 
