@@ -4,6 +4,7 @@
 The page is one self-contained HTML file. It loads nothing and is complete without its script, which
 sorts, marks and saves.
 
+answer      what page and sheet lead with: causes, size, next step
 axes        how the axes of a diagnosis are shown
 gap_map     maps of the estimated gap and its standard deviation
 residuals   residuals before and after
@@ -36,7 +37,6 @@ from ..model.model import EfficiencyModel
 from ..monitoring import Opening
 from ..transmission.parameters import PARAMETER_NAMES
 from . import figures
-from .answer import VERDICTS
 from .operating_points import draw_operating_points
 from .panels import draw_opening, draw_separation
 from .pictures import draw_fit, draw_surface, drawn
@@ -132,5 +132,4 @@ def html(diagnosis: Diagnosis | UnitDiagnosis | UnitChange) -> str:
         words=words,
         figures=figures,
         limits=settings,
-        verdicts=VERDICTS,
     )

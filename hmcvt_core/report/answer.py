@@ -24,7 +24,20 @@ VERDICTS = {
 MOST_MEMBERS = 4
 """Causes that the answer lists; the details have all. Chosen so that they fit on one screen."""
 _UNLISTED = "an effect that is not listed"
-_UNLISTED_WORTH_A_LINE = 0.01
+_NO_STEPS = ("note: ", "stop: ")
+"""Beginnings of sentences of the advice that ask for nothing."""
+_WHERE_NO_EFFECT_EXPLAINS = (
+    "No test between listed effects helps while none of them explains the gap. Repeat the points "
+    "at which the gap is large and measure more points there, closer together."
+)
+
+
+_PRINTED_UNITS = (
+    ("m3", "m\N{SUPERSCRIPT THREE}"),
+    ("N m", "N\N{MIDDLE DOT}m"),
+    ("deg C", "\N{DEGREE SIGN}C"),
+    ("s Pa", "s\N{MIDDLE DOT}Pa"),
+)
 
 
 class MemberLine(NamedTuple):
@@ -62,11 +75,14 @@ def members(diagnosis: Diagnosis) -> list[MemberLine]:
     if diagnosis.verdict == "excess_scatter":
         return _varied(diagnosis)
     known = diagnosis.members or _members_of_causes(diagnosis)
-    lines = [_line(member) for member in known[:MOST_MEMBERS]]
-    if diagnosis.unlisted >= _UNLISTED_WORTH_A_LINE:
+    lines = []
+    for member in known[:MOST_MEMBERS]:
+        if member.probability >= words.REPORTED_PROBABILITY:
+            lines.append(_line(member))
+    if diagnosis.unlisted >= words.REPORTED_PROBABILITY:
         probability = words.probability(diagnosis.unlisted)
         lines.append(MemberLine(_UNLISTED, probability, diagnosis.unlisted))
-    return lines
+    return sorted(lines, key=lambda line: -line.share)
 
 
 def _varied(diagnosis: Diagnosis) -> list[MemberLine]:
@@ -178,8 +194,13 @@ def next_step(diagnosis: Diagnosis) -> list[str]:
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]
-    steps = diagnosis.advice.steps()
-    return [step for step in steps if not step.startswith("note: ")]
+    if diagnosis.verdict == "unexplained" and not diagnosis.next_tests:
+        return [_WHERE_NO_EFFECT_EXPLAINS]
+    steps = []
+    for step in diagnosis.advice.steps():
+        if not step.startswith(_NO_STEPS):
+            steps.append(step)
+    return steps or ["No further test is known that would distinguish the causes."]
 
 
 def scatter_sentence(diagnosis: Diagnosis) -> str:
@@ -199,10 +220,20 @@ def sizes(cause: Cause) -> list[str]:
         interval = size.get("interval")
         if interval is None:
             continue
-        unit = size["unit"].removesuffix("-")
+        unit = unit_in_words(size["unit"])
         low, high = (words.number(end) for end in interval)
+        value = f"{words.number(size['value'])} {unit}".rstrip()
+        limits = f"{low} to {high} {unit}".rstrip()
         lines.append(
-            f"{words.plain(cause.effect)}, {words.plain(name)}: "
-            f"{words.number(size['value'])} {unit} (95 %: {low} to {high} {unit})"
+            f"{words.plain(cause.effect)}, {words.plain(name)}: {value} (95 %: {limits})"
         )
     return lines
+
+
+def unit_in_words(unit: str) -> str:
+    """Return a unit as pages print it; nothing for a plain number."""
+    if unit == "-":
+        return ""
+    for plain_text, printed in _PRINTED_UNITS:
+        unit = unit.replace(plain_text, printed)
+    return unit

@@ -148,11 +148,13 @@ class _Panel(NamedTuple):
         bar_above: axes that share the colour bar above them; None for these axes alone, empty for
             no bar.
         suffix: of the names of the marks; empty for a map without others in its figure.
+        bar_location: side on which the colour bar stands.
     """
 
     axes: Any
     bar_above: list[Any] | None = None
     suffix: str = ""
+    bar_location: str = "top"
 
     @property
     def is_small(self) -> bool:
@@ -256,15 +258,24 @@ def lead_map(diagnosis: Diagnosis) -> str:
         return to_svg(figure, "lead-map", title, tips)
 
 
-def draw_gap_map(axes: Any, diagnosis: Diagnosis, entry: GapMap) -> None:
+def draw_gap_map(
+    axes: Any, diagnosis: Diagnosis, entry: GapMap, bar_location: str = "top"
+) -> None:
     """Draw one map with a colour bar of its own.
 
     Args:
         axes: matplotlib Axes.
         diagnosis: estimates the gap.
         entry: the map.
+        bar_location: side of the map on which the colour bar stands.
     """
-    _draw(_Panel(axes), diagnosis, entry, _reach(diagnosis, [entry]))
+    panel = _Panel(axes, bar_location=bar_location)
+    _draw(panel, diagnosis, entry, _reach(diagnosis, [entry]))
+
+
+def place_in_words(diagnosis: Diagnosis, entry: GapMap) -> str:
+    """Return stage and values of the axes that a map does not show; may be empty."""
+    return _held_in_words(diagnosis, entry).removeprefix(", ")
 
 
 def page_maps(diagnosis: Diagnosis) -> tuple[list[str], Legend]:
@@ -584,7 +595,7 @@ def _draw(panel: _Panel, diagnosis: Diagnosis, entry: GapMap, reach: _Reach) -> 
     points = _framed(axes, diagnosis, entry)
     if entry.estimate is not None:
         _draw_estimate(panel, diagnosis, entry.estimate, reach.gap)
-    title = _held_in_words(diagnosis, entry).removeprefix(", ")
+    title = place_in_words(diagnosis, entry)
     letters = _SHORT_TITLE_LETTERS if panel.is_small else _TITLE_LETTERS
     lines = textwrap.wrap(title, letters, break_long_words=False)
     axes.set_title("\n".join(lines))
@@ -635,7 +646,7 @@ def _draw_bar(
     bar = panel.axes.figure.colorbar(
         filled,
         ax=axes,
-        location="top",
+        location=panel.bar_location,
         pad=0.03,
         aspect=20 if panel.is_small else 40,
         format=ticks,

@@ -12,8 +12,16 @@ from typing import Any
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
 from ..diagnosis.results.outcome import ParameterEstimate
-from .answer import VERDICTS, how_far, members, next_step, scatter_sentence, sizes
-from .gap_map import draw_gap_map, largest_gap_map, machine
+from .answer import (
+    VERDICTS,
+    how_far,
+    members,
+    next_step,
+    scatter_sentence,
+    sizes,
+    unit_in_words,
+)
+from .gap_map import draw_gap_map, largest_gap_map, machine, place_in_words
 from .style import INK, SOFT, styled, to_pdf
 
 _PAPER = (8.27, 11.69)  # A4 [in]
@@ -26,13 +34,13 @@ _LEFT = 0.09
 _BOTTOM = 0.04
 _SMALLEST_PICTURE = 0.14  # height; part of the sheet
 _LARGEST_PICTURE = 0.42
-_AROUND_PICTURE = 0.135  # colour bar, title, labels and caption
+_AROUND_PICTURE = 0.125  # heading, labels and caption
 _MOST_PARAMETERS = 8
 """Base parameters on the sheet; the page has all."""
 
 CAPTION = (
-    "Colour: measured minus model through the test with the largest estimated gap, hatched where "
-    "it is less than two standard deviations; boxes: regions that differ; triangles: tests."
+    "Through the test with the largest estimated gap; hatched where the gap is less than two "
+    "standard deviations of its estimate; boxes: regions that differ; triangles: tests."
 )
 
 
@@ -118,12 +126,18 @@ def _draw_picture(
         "xtick.labelsize": _FONT,
         "ytick.labelsize": _FONT,
     }
+    entry = largest_gap_map(diagnosis)
+    place = place_in_words(diagnosis, entry).removeprefix("at ")
+    height = _write(
+        figure, height - 0.5 * _LINE, f"Map of the gap, {place}", weight="bold"
+    )
     with mpl.rc_context(sizes_of_letters):
         axes = figure.add_axes(
-            (_LEFT + 0.06, height - picture_height - 0.035, 0.74, picture_height)
+            (_LEFT + 0.06, height - picture_height, 0.8, picture_height)
         )
-        draw_gap_map(axes, diagnosis, largest_gap_map(diagnosis))
-    return _write(figure, height - picture_height - 0.09, CAPTION, color=SOFT)
+        draw_gap_map(axes, diagnosis, entry, "right")
+        axes.set_title("")  # it stands in the heading
+    return _write(figure, height - picture_height - 0.045, CAPTION, color=SOFT)
 
 
 def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
@@ -140,7 +154,7 @@ def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def _estimate_in_words(estimate: ParameterEstimate) -> str:
-    unit = estimate.unit.removesuffix("-")
+    unit = unit_in_words(estimate.unit)
     value = words.number(estimate.value)
     error = words.number(estimate.standard_error)
     return f"{value} \N{PLUS-MINUS SIGN} {error} {unit}".rstrip()
