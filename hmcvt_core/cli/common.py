@@ -18,6 +18,7 @@ from ..physics.effects import Effect, load_effects
 from ..physics.effects.base import OIL_HOOKS
 from ..report.style import picture_format, report_format
 from ..transmission.stage import Stage
+from .outputs import Output, write_outputs
 from .progress import Progress
 from .quantities import (
     fraction,
@@ -33,6 +34,7 @@ from .samples import sample_records, sample_table, table
 
 __all__ = [
     "Answer",
+    "Output",
     "OutputFile",
     "Point",
     "Progress",
@@ -62,11 +64,13 @@ class Answer(NamedTuple):
         value: plain data for --json.
         lines: text for people.
         code: exit code.
+        outputs: files to write once the answer is printed.
     """
 
     value: Any
     lines: Sequence[str] = ()
     code: int = 0
+    outputs: Sequence[Output] = ()
 
 
 def answers(function: Callable[..., Answer]) -> Callable[..., int]:
@@ -80,7 +84,8 @@ def answers(function: Callable[..., Answer]) -> Callable[..., int]:
             print_json(answer.value)
         elif answer.lines:
             click.echo("\n".join(answer.lines))
-        return answer.code
+        failure = write_outputs(answer.outputs, quiet=as_json)
+        return failure or answer.code
 
     return printing
 

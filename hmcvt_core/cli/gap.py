@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt diagnose`, `next`, `separable`, `watch` and `unit`: the gap between model and bench."""
 
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from ..report import write_report
 from ..report.gap_map import draw_gap
 from ..report.pictures import save
 from . import common, logs
-from .common import Answer
+from .common import Answer, Output
 from .gap_cost import cycle_from, with_gap_cost
 from .logs import OPEN
 
@@ -116,10 +117,7 @@ def diagnose(
             diagnosis = transmission.without_remainder(diagnosis)
         save_model(diagnosis.model, saved)
         lines.append(f"model{_contents(diagnosis)} written to {saved}")
-    if picture is not None:
-        save(draw_gap, picture, diagnosis)
-        lines.append(f"picture written to {picture}")
-    answer = _answer(diagnosis, report, lines)
+    answer = _answer(diagnosis, report, picture, lines)
     if cycle is None:
         return answer
     return with_gap_cost(answer, diagnosis, model, cycle)
@@ -128,13 +126,20 @@ def diagnose(
 def _answer(
     diagnosis: Diagnosis | UnitDiagnosis | UnitChange,
     report: str | None,
+    picture: str | None,
     lines: list[str],
 ) -> Answer:
-    """Return the answer of a diagnosis, and write its report where one is asked for."""
+    """Return the answer of a diagnosis, with the files to write once it is printed."""
+    outputs = []
+    if picture is not None:
+        draw = partial(save, draw_gap, picture, diagnosis)
+        outputs.append(Output("picture", picture, draw))
     if report is not None:
-        write_report(diagnosis, report)
-        lines = [*lines, f"report written to {report}"]
-    return Answer(diagnosis.to_dict(), [diagnosis.report(), *lines])
+        write = partial(write_report, diagnosis, report)
+        outputs.append(Output("report", report, write))
+    return Answer(
+        diagnosis.to_dict(), [diagnosis.report(), *lines], outputs=tuple(outputs)
+    )
 
 
 def _contents(diagnosis: Diagnosis) -> str:
@@ -417,4 +422,4 @@ def unit(
         assert isinstance(diagnosis, UnitDiagnosis)  # without a baseline
         save_model(put_into(model, diagnosis), into)
         lines.append(f"{samples.kind} written into {into}")
-    return _answer(diagnosis, report, lines)
+    return _answer(diagnosis, report, None, lines)

@@ -4,6 +4,7 @@
 The page is one self-contained HTML file. It loads nothing and is complete without its script, which
 sorts, marks and saves.
 
+answer      what page and sheet lead with: causes, size, next step
 axes        how the axes of a diagnosis are shown
 gap_map     maps of the estimated gap and its standard deviation
 residuals   residuals before and after
@@ -40,7 +41,7 @@ from .operating_points import draw_operating_points
 from .panels import draw_opening, draw_separation
 from .pictures import draw_fit, draw_surface, drawn
 from .power_maps import draw_breakdown, draw_engine
-from .sheet import VERDICTS, sheet
+from .sheet import sheet
 from .style import TEMPLATES, render, report_format
 from .surface import draw_map
 
@@ -131,5 +132,4 @@ def html(diagnosis: Diagnosis | UnitDiagnosis | UnitChange) -> str:
         words=words,
         figures=figures,
         limits=settings,
-        verdicts=VERDICTS,
     )

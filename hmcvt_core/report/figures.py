@@ -9,26 +9,42 @@ from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
 from ..diagnosis.settings import REGION_SIGNIFICANCE
 from ..errors import InputError
+from .answer import (
+    VERDICTS,
+    how_far,
+    members,
+    next_step,
+    scatter_sentence,
+    unit_in_words,
+)
 from .axes import MOST, columns
-from .gap_map import draw_gap, machine, page_maps
+from .gap_map import draw_gap, lead_map, machine, page_maps
 from .pictures import drawn
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
 
 __all__ = [
     "MOST",
+    "VERDICTS",
     "columns",
+    "how_far",
+    "lead_map",
+    "look_rows",
     "machine",
+    "members",
+    "next_step",
     "page_maps",
     "place_rows",
     "plot_diagnosis",
     "residual_table",
     "residuals",
+    "scatter_sentence",
     "stage_head",
     "stage_rows",
     "stage_watts",
     "test_labels",
     "test_rows",
+    "unit_in_words",
     "watts",
 ]
 
@@ -101,6 +117,22 @@ def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
                 *coordinates,
                 words.number(test.gain),
                 words.plain(test.measure or words.NOTHING),
+            )
+        )
+    return rows
+
+
+def look_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
+    """Return rows of the readings that scatter more than was stated for them."""
+    rows = []
+    for look in diagnosis.agreement.looks:
+        rows.append(
+            (
+                words.plain(look.channel),
+                look.part or "all samples",
+                look.samples,
+                words.number(look.ratio),
+                words.chance(look.p_value),
             )
         )
     return rows

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..diagnosis import Diagnosis
+from ..diagnosis.observations import SESSION
 from ..diagnosis.results import text as words
 from ..diagnosis.results.stages import main_stage, stages_of
 from ..diagnosis.settings import REGION_SIGNIFICANCE
@@ -25,6 +27,7 @@ from .axes import (
     rows_of_stage,
     scale_of,
     shown,
+    step,
     value_in_words,
 )
 from .style import (
@@ -49,14 +52,23 @@ Figures = tuple[list[str], Legend]
 View = tuple[Axis, Axis]
 """Axis across and axis up."""
 
-_PAGE_SIZE = (6.9, 11.4)  # of the gap above its standard deviation [in]
-_PANEL_HEIGHTS = (6.6, 4.8)  # of the two [in]
-_COLUMNS = 3  # maps side by side in a file
+_WIDTH = 6.9  # of a figure of a page, and of each pair of axes in a file [in]
+_LEAD_HEIGHT = 5.7  # of the map where the gap is largest [in]
+_PANEL_HEIGHTS = (6.6, 4.8)  # of the gap above its standard deviation [in]
+_ROW_HEIGHT = 2.7  # of the two side by side, one row for each stage [in]
+_BARS_HEIGHT = 1.4  # of the colour bars above such rows [in]
+_MOST_HEIGHT = 14.5
+"""Height of a file [in]: at 130 dots per inch it stays below 2000 pixels."""
+_COLUMNS = 3  # pairs of axes side by side in a file
+_MOST_STAGES = 6  # in a file; more rows would be too low to read
 _TITLE_LETTERS = 50  # of a line above a map
+_SHORT_TITLE_LETTERS = 28  # where two stand side by side
+_SMALL_PANEL_MARKS = 0.6  # size of marks where two maps stand side by side
 _GRID = 41  # points along each axis of a view
 _LEVELS = 8  # colours on either side of no gap, at most
 _DEVIATION_LEVELS = 6  # colours of the standard deviation, at most
 _ROUND_STEPS = (1, 2, 2.5, 5, 10)  # of contour levels
+_DEVIATION_LABEL = "standard deviation of the estimate"
 _UNCERTAIN = 2.0
 """Standard deviations below which an estimated gap is hatched: the usual 95 % limit."""
 
@@ -128,6 +140,28 @@ class GapMap(NamedTuple):
     estimate: Estimate | None
 
 
+class _Panel(NamedTuple):
+    """Where a map is drawn.
+
+    Attributes:
+        axes: matplotlib Axes.
+        bar_above: axes that share the colour bar above them; None for these axes alone, empty for
+            no bar.
+        suffix: of the names of the marks; empty for a map without others in its figure.
+        bar_location: side on which the colour bar stands.
+    """
+
+    axes: Any
+    bar_above: list[Any] | None = None
+    suffix: str = ""
+    bar_location: str = "top"
+
+    @property
+    def is_small(self) -> bool:
+        """Whether others stand next to it."""
+        return self.bar_above is not None
+
+
 class _Reach(NamedTuple):
     """How far the colours of all maps reach, in the unit shown.
 
@@ -138,18 +172,6 @@ class _Reach(NamedTuple):
 
     gap: float
     deviation: float
-
-
-class StageMaps(NamedTuple):
-    """The maps of one stage on a page.
-
-    Attributes:
-        stage: its name, or None where the samples are not of several.
-        drawings: SVG.
-    """
-
-    stage: str | None
-    drawings: list[str]
 
 
 def views(diagnosis: Diagnosis) -> list[View]:
@@ -170,58 +192,215 @@ def gap_maps(diagnosis: Diagnosis) -> list[GapMap]:
     return maps
 
 
-def _gap_map(diagnosis: Diagnosis, view: View, stage: str | None) -> GapMap:
-    held = held_values(diagnosis, view, stage)
-    return GapMap(view, stage, held, estimate(diagnosis, view, stage))
+def _gap_map(
+    diagnosis: Diagnosis,
+    view: View,
+    stage: str | None,
+    held: dict[str, float] | None = None,
+) -> GapMap:
+    if held is None:
+        held = held_values(diagnosis, view, stage)
+    return GapMap(view, stage, held, estimate(diagnosis, view, stage, held))
 
 
-def page_maps(diagnosis: Diagnosis) -> tuple[list[StageMaps], Legend]:
-    """Return the maps of the page by stage, and their legend."""
+def largest_gap_map(diagnosis: Diagnosis) -> GapMap:
+    """Return the map through the sample at which the estimated gap is largest.
+
+    Of the pairs of axes it shows the one along which the estimate changes most.
+    """
+    point = _largest_gap_point(diagnosis)
+    stage = stage_of_map(diagnosis)
+    if stage is not None and "stage" in point:
+        stage = list(diagnosis.base.stages)[int(point["stage"])]
+    maps = []
+    for view in views(diagnosis):
+        held = held_values(diagnosis, view, stage)
+        held |= {name: point[name] for name in held if name in point}
+        maps.append(_gap_map(diagnosis, view, stage, held))
+    return max(maps, key=_change)
+
+
+def _largest_gap_point(diagnosis: Diagnosis) -> dict[str, float]:
+    """Return the operating point with the largest gap, SI; empty where none is known.
+
+    A gap beyond its uncertainty goes before a larger one within it.
+    """
+    points = diagnosis.posterior.base_only.fit.observed.points
+    rows = slice(None, None, step(len(diagnosis.posterior.base_only.fit.observed)))
+    known = {name: points[name][rows] for name in points if name != SESSION}
+    mean, deviation = diagnosis.gap_at(**known)
+    size = np.nan_to_num(np.abs(mean))
+    is_clear = size >= _UNCERTAIN * deviation
+    if is_clear.any():
+        size = np.where(is_clear, size, 0.0)
+    if not size.any():
+        return {}
+    row = int(size.argmax())
+    return {name: float(values[row]) for name, values in known.items()}
+
+
+def _change(entry: GapMap) -> float:
+    """Return by how much the estimate changes over a map; 0 where there is none."""
+    if entry.estimate is None:
+        return 0.0
+    return float(np.ptp(entry.estimate.mean.compressed()))
+
+
+def lead_map(diagnosis: Diagnosis) -> str:
+    """Return the map where the gap is largest as SVG, for the head of the page."""
+    entry = largest_gap_map(diagnosis)
+    tips = _tips(diagnosis, entry, "")
+    title = (
+        f"Map of the estimated gap where it is largest: {_in_words(diagnosis, entry)}"
+    )
+    with styled((_WIDTH, _LEAD_HEIGHT)) as figure:
+        draw_gap_map(figure.subplots(), diagnosis, entry)
+        return to_svg(figure, "lead-map", title, tips)
+
+
+def draw_gap_map(
+    axes: Any, diagnosis: Diagnosis, entry: GapMap, bar_location: str = "top"
+) -> None:
+    """Draw one map with a colour bar of its own.
+
+    Args:
+        axes: matplotlib Axes.
+        diagnosis: estimates the gap.
+        entry: the map.
+        bar_location: side of the map on which the colour bar stands.
+    """
+    panel = _Panel(axes, bar_location=bar_location)
+    _draw(panel, diagnosis, entry, _reach(diagnosis, [entry]))
+
+
+def place_in_words(diagnosis: Diagnosis, entry: GapMap) -> str:
+    """Return stage and values of the axes that a map does not show; may be empty."""
+    return _held_in_words(diagnosis, entry).removeprefix(", ")
+
+
+def page_maps(diagnosis: Diagnosis) -> tuple[list[str], Legend]:
+    """Return a figure for each pair of axes, all stages in it, and the legend of all."""
     maps = gap_maps(diagnosis)
     reach = _reach(diagnosis, maps)
-    pages = []
-    for number, (stage, group) in enumerate(
-        itertools.groupby(maps, lambda entry: entry.stage)
-    ):
-        suffix = "" if stage is None else f"-stage-{number}"
-        drawings = []
-        for entry in group:
-            drawings.append(_page_map(diagnosis, entry, reach, suffix))
-        pages.append(StageMaps(stage, drawings))
-    return pages, _legend(diagnosis)
+    drawings = []
+    for group in _by_view(maps):
+        drawings.append(_page_map(diagnosis, group, reach))
+    return drawings, _legend(diagnosis)
 
 
-def _page_map(diagnosis: Diagnosis, entry: GapMap, reach: _Reach, suffix: str) -> str:
-    """Return a map above that of its standard deviation as SVG.
+def _by_view(maps: Iterable[GapMap]) -> list[list[GapMap]]:
+    """Return the maps of each pair of axes, one for each stage."""
+    groups: dict[View, list[GapMap]] = {}
+    for entry in maps:
+        groups.setdefault(entry.view, []).append(entry)
+    return list(groups.values())
+
+
+def _page_map(diagnosis: Diagnosis, group: list[GapMap], reach: _Reach) -> str:
+    """Return the maps of a pair of axes with their standard deviations as SVG.
 
     Args:
         diagnosis: with or without a gap.
-        entry: the map.
+        group: a map for each stage.
         reach: of all maps.
-        suffix: of its name.
     """
-    across, up = entry.view
+    across, up = group[0].view
     tips = {}
-    for kind, group in _marks(diagnosis, entry.stage).items():
-        tips[kind] = in_words(
-            diagnosis, diagnosis.samples, diagnosis.residuals, group.rows
-        )
+    descriptions = []
+    for number, entry in enumerate(group):
+        tips |= _tips(diagnosis, entry, _suffix(group, number))
+        descriptions.append(_in_words(diagnosis, entry))
     title = (
-        f"Map of the estimated gap: {scale_of(up).label} over "
-        f"{scale_of(across).label}{_held_in_words(diagnosis, entry)}; triangles down "
-        "where the bench lies below the model, up where above. Below it, the standard "
+        f"Map of the estimated gap: {'; '.join(descriptions)}; triangles down "
+        "where the bench lies below the model, up where above. With it, the standard "
         "deviation of the estimate"
     )
-    name = f"map-{across.name}-{up.name}{suffix}".replace("_", "-")
-    with styled(_PAGE_SIZE) as figure:
-        above, below = figure.subplots(2, 1, height_ratios=_PANEL_HEIGHTS)
-        _draw(above, diagnosis, entry, reach)
-        _draw_deviation(below, diagnosis, entry, reach)
+    name = f"map-{across.name}-{up.name}".replace("_", "-")
+    with styled((_WIDTH, _height(len(group)))) as figure:
+        _draw_group(figure, diagnosis, group, reach)
         return to_svg(figure, name, title, tips)
 
 
+def _tips(diagnosis: Diagnosis, entry: GapMap, suffix: str) -> dict[str, list[str]]:
+    """Return a sentence for each sample on a map, by the name of its marks."""
+    tips = {}
+    for kind, group in _marks(diagnosis, entry.stage).items():
+        tips[f"{kind}{suffix}"] = in_words(
+            diagnosis, diagnosis.samples, diagnosis.residuals, group.rows
+        )
+    return tips
+
+
+def _in_words(diagnosis: Diagnosis, entry: GapMap) -> str:
+    """Return what a map shows, in words."""
+    across, up = entry.view
+    return (
+        f"{scale_of(up).label} over {scale_of(across).label}"
+        f"{_held_in_words(diagnosis, entry)}"
+    )
+
+
+def _suffix(group: Sequence[GapMap], number: int) -> str:
+    """Return what distinguishes the marks of a map from those of the other stages."""
+    return f"-{number}" if len(group) > 1 else ""
+
+
+def _height(stages: int) -> float:
+    """Return the height of the maps of a pair of axes on a page [in]."""
+    if stages == 1:
+        return sum(_PANEL_HEIGHTS)
+    return _BARS_HEIGHT + _ROW_HEIGHT * stages
+
+
+def _draw_group(
+    figure: Any, diagnosis: Diagnosis, group: list[GapMap], reach: _Reach
+) -> None:
+    """Draw the maps of a pair of axes: the gap above its deviation, or a row for each stage."""
+    if len(group) > 1:
+        _draw_rows(figure, diagnosis, group, reach)
+        return
+    above, below = figure.subplots(2, 1, height_ratios=_PANEL_HEIGHTS)
+    _draw(_Panel(above), diagnosis, group[0], reach)
+    _draw_deviation(_Panel(below), diagnosis, group[0], reach)
+
+
+def _draw_rows(
+    figure: Any,
+    diagnosis: Diagnosis,
+    group: list[GapMap],
+    reach: _Reach,
+    has_deviation: bool = True,
+) -> None:
+    """Draw a row for each stage: the gap, and next to it its standard deviation.
+
+    Args:
+        figure: empty matplotlib figure, or a part of one.
+        diagnosis: estimates the gap.
+        group: a map of the same pair of axes for each stage.
+        reach: of all maps.
+        has_deviation: whether the standard deviation is drawn.
+    """
+    columns = 2 if has_deviation else 1
+    grid = figure.subplots(len(group), columns, sharex=True, sharey=True, squeeze=False)
+    known = [entry.estimate is not None for entry in group]
+    for number, (entry, row) in enumerate(zip(group, grid, strict=True)):
+        # The first map that has colours draws the bars for its whole column.
+        has_bars = known[number] and not any(known[:number])
+        suffix = _suffix(group, number)
+        gap_bar = list(grid[:, 0]) if has_bars else []
+        _draw(_Panel(row[0], gap_bar, suffix), diagnosis, entry, reach)
+        if has_deviation:
+            deviation_bar = list(grid[:, 1]) if has_bars else []
+            _draw_deviation(_Panel(row[1], deviation_bar), diagnosis, entry, reach)
+    for axes in grid.flat:
+        axes.label_outer()
+
+
 def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
-    """Draw the maps of the estimated gap above its standard deviation, or one into axes.
+    """Draw the maps of the estimated gap with its standard deviation, or one into axes.
+
+    Pairs of axes stand side by side; of several stages each is a row. Of more pairs than fit with
+    several stages the gap alone is drawn; its hatches show where it is uncertain.
 
     Args:
         figure: empty matplotlib figure.
@@ -233,34 +412,48 @@ def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
         return
     maps = gap_maps(diagnosis)
     reach = _reach(diagnosis, maps)
-    blocks = _blocks(maps)
-    columns = max(len(block) for block in blocks)
-    figure.set_size_inches(
-        _PAGE_SIZE[0] * columns, sum(_PANEL_HEIGHTS) * len(blocks) + 0.5
-    )
-    figure.suptitle(_title(diagnosis), x=0.01, ha="left")
-    grid = figure.subplots(
-        2 * len(blocks),
-        columns,
-        squeeze=False,
-        height_ratios=_PANEL_HEIGHTS * len(blocks),
-    )
-    for axes in grid.flat:
-        axes.set_visible(False)
-    for number, block in enumerate(blocks):
-        for column, entry in enumerate(block):
-            _draw(grid[2 * number, column], diagnosis, entry, reach)
-            _draw_deviation(grid[2 * number + 1, column], diagnosis, entry, reach)
+    groups = _by_view(maps)
+    shown_stages = _largest_gaps(maps)
+    stages = len(groups[0])
+    title = _title(diagnosis)
+    if len(shown_stages) < stages:
+        title += (
+            f" ({len(shown_stages)} of {stages} stages, those with the largest gap)"
+        )
+        groups = [
+            [item for item in group if item.stage in shown_stages] for group in groups
+        ]
+    stages = len(groups[0])
+    is_crowded = len(groups) > _COLUMNS
+    columns = len(groups)
+    width = _WIDTH * columns
+    height = _height(stages)
+    if is_crowded and stages == 1:
+        columns = _COLUMNS
+        width = _WIDTH * columns
+        height = (_BARS_HEIGHT + _ROW_HEIGHT) * math.ceil(len(groups) / columns)
+    elif is_crowded:
+        width = _WIDTH * columns / 2.0
+    figure.set_size_inches(width, min(height, _MOST_HEIGHT) + 0.8)
+    lines = textwrap.wrap(title, int(_TITLE_LETTERS * width / _WIDTH))
+    figure.suptitle("\n".join(lines), x=0.01, ha="left")
+    parts = figure.subfigures(math.ceil(len(groups) / columns), columns, squeeze=False)
+    for part, group in zip(parts.flat, groups, strict=False):
+        if is_crowded:
+            _draw_rows(part, diagnosis, group, reach, has_deviation=stages == 1)
+        else:
+            _draw_group(part, diagnosis, group, reach)
 
 
-def _blocks(maps: Iterable[GapMap]) -> list[list[GapMap]]:
-    """Return the maps that stand side by side in a file: of one stage, a few at a time."""
-    blocks = []
-    for _, group in itertools.groupby(maps, lambda entry: entry.stage):
-        of_stage = list(group)
-        for first in range(0, len(of_stage), _COLUMNS):
-            blocks.append(of_stage[first : first + _COLUMNS])
-    return blocks
+def _largest_gaps(maps: Iterable[GapMap]) -> list[str | None]:
+    """Return the stages that a file shows: all, or those with the largest estimated gap."""
+    largest: dict[str | None, float] = {}
+    for entry in maps:
+        size = 0.0
+        if entry.estimate is not None:
+            size = float(np.abs(entry.estimate.mean).max())
+        largest[entry.stage] = max(size, largest.get(entry.stage, 0.0))
+    return sorted(largest, key=lambda stage: -largest[stage])[:_MOST_STAGES]
 
 
 def _title(diagnosis: Diagnosis) -> str:
@@ -285,8 +478,7 @@ def draw_view(axes: Any, diagnosis: Diagnosis, view: View) -> None:
         diagnosis: estimates the gap.
         view: axis across and axis up.
     """
-    entry = _gap_map(diagnosis, view, stage_of_map(diagnosis))
-    _draw(axes, diagnosis, entry, _reach(diagnosis, [entry]))
+    draw_gap_map(axes, diagnosis, _gap_map(diagnosis, view, stage_of_map(diagnosis)))
 
 
 def stage_of_map(diagnosis: Diagnosis) -> str | None:
@@ -319,7 +511,10 @@ def held_values(
 
 
 def estimate(
-    diagnosis: Diagnosis, view: View, stage: str | None = None
+    diagnosis: Diagnosis,
+    view: View,
+    stage: str | None = None,
+    held: dict[str, float] | None = None,
 ) -> Estimate | None:
     """Return the estimated gap over two axes, within the samples, the others as held.
 
@@ -327,6 +522,7 @@ def estimate(
         diagnosis: estimates the gap.
         view: axis across and axis up.
         stage: in which it is estimated; None for the main one of several.
+        held: values of the other axes, SI; None for the medians of the samples.
 
     Returns:
         None where the samples have one value along an axis, or the model has no answer.
@@ -345,7 +541,9 @@ def estimate(
             return None
         lines.append(np.linspace(low, high, _GRID))
     grid = np.meshgrid(*lines)
-    coordinates: dict[str, Any] = dict(held_values(diagnosis, view, stage))
+    if held is None:
+        held = held_values(diagnosis, view, stage)
+    coordinates: dict[str, Any] = dict(held)
     for axis in map_axes(diagnosis):
         if axis.name in coordinates:
             low, high = _extent(diagnosis, axis)
@@ -391,23 +589,29 @@ def _reach(diagnosis: Diagnosis, maps: Iterable[GapMap]) -> _Reach:
 # --- drawing -------------------------------------------------------------------------------
 
 
-def _draw(axes: Any, diagnosis: Diagnosis, entry: GapMap, reach: _Reach) -> None:
+def _draw(panel: _Panel, diagnosis: Diagnosis, entry: GapMap, reach: _Reach) -> None:
     """Draw a map with its samples and regions."""
+    axes = panel.axes
     points = _framed(axes, diagnosis, entry)
     if entry.estimate is not None:
-        _draw_estimate(axes, diagnosis, entry.estimate, reach.gap)
-    title = _held_in_words(diagnosis, entry).removeprefix(", ")
-    axes.set_title("\n".join(textwrap.wrap(title, _TITLE_LETTERS)))
+        _draw_estimate(panel, diagnosis, entry.estimate, reach.gap)
+    title = place_in_words(diagnosis, entry)
+    letters = _SHORT_TITLE_LETTERS if panel.is_small else _TITLE_LETTERS
+    lines = textwrap.wrap(title, letters, break_long_words=False)
+    axes.set_title("\n".join(lines))
+    scale = _SMALL_PANEL_MARKS if panel.is_small else 1.0
     for kind, group in _marks(diagnosis, entry.stage).items():
-        _scatter(axes, kind, points[group.rows], group.heights)
+        name = f"{kind}{panel.suffix}"
+        _scatter(axes, kind, points[group.rows], scale * group.heights, name)
     drawn = _drawn_rows(diagnosis, entry.stage)
     _outline_regions(axes, diagnosis, entry.view, points[drawn])
 
 
 def _draw_deviation(
-    axes: Any, diagnosis: Diagnosis, entry: GapMap, reach: _Reach
+    panel: _Panel, diagnosis: Diagnosis, entry: GapMap, reach: _Reach
 ) -> None:
     """Draw the standard deviation of an estimate, with a dot for each sample."""
+    axes = panel.axes
     if entry.estimate is None:
         axes.set_visible(False)
         return
@@ -424,16 +628,31 @@ def _draw_deviation(
         cmap=LinearSegmentedColormap.from_list("deviation", DEVIATION_COLOURS),
     )
     _draw_lines(axes, gap, gap.deviation, levels)
-    bar = axes.figure.colorbar(
-        filled, ax=axes, location="top", pad=0.03, aspect=40, format="%.3g"
-    )
-    bar.set_ticks(_few(levels))
-    bar.set_label(
-        f"standard deviation of the estimate [{diagnosis.channel.unit}]", labelpad=10.0
-    )
+    label = "standard deviation" if panel.is_small else _DEVIATION_LABEL
+    _draw_bar(panel, filled, levels, f"{label} [{diagnosis.channel.unit}]", "%.3g")
     rows = _drawn_rows(diagnosis, entry.stage)
     across, up = points[rows[:: -(-len(rows) // _DOTS) or 1]].T
-    axes.scatter(across, up, s=_DOT**2, color=INK, clip_on=False, zorder=3)
+    scale = _SMALL_PANEL_MARKS if panel.is_small else 1.0
+    axes.scatter(across, up, s=(scale * _DOT) ** 2, color=INK, clip_on=False, zorder=3)
+
+
+def _draw_bar(
+    panel: _Panel, filled: Any, levels: Array, label: str, ticks: Any
+) -> None:
+    """Draw the colour bar of a panel above it, or above all that share it."""
+    if panel.bar_above is not None and not panel.bar_above:
+        return
+    axes = panel.bar_above or panel.axes
+    bar = panel.axes.figure.colorbar(
+        filled,
+        ax=axes,
+        location=panel.bar_location,
+        pad=0.03,
+        aspect=20 if panel.is_small else 40,
+        format=ticks,
+    )
+    bar.set_ticks(_few(levels))
+    bar.set_label(label, labelpad=10.0)
 
 
 def _framed(axes: Any, diagnosis: Diagnosis, entry: GapMap) -> Array:
@@ -472,11 +691,12 @@ def _held_in_words(diagnosis: Diagnosis, entry: GapMap) -> str:
 
 
 def _draw_estimate(
-    axes: Any, diagnosis: Diagnosis, gap: Estimate, reach: float
+    panel: _Panel, diagnosis: Diagnosis, gap: Estimate, reach: float
 ) -> None:
     """Colour the estimated gap; hatch it where it is less than its uncertainty allows."""
     from matplotlib.colors import LinearSegmentedColormap
 
+    axes = panel.axes
     levels = _round_levels(-reach, reach, 2 * _LEVELS)
     filled = axes.contourf(
         gap.across,
@@ -494,11 +714,8 @@ def _draw_estimate(
         colors="none",
         hatches=["///"],
     )
-    bar = axes.figure.colorbar(
-        filled, ax=axes, location="top", pad=0.03, aspect=40, format=_signed
-    )
-    bar.set_ticks(_few(levels))
-    bar.set_label(f"estimated gap [{diagnosis.channel.unit}]", labelpad=10.0)
+    label = f"estimated gap [{diagnosis.channel.unit}]"
+    _draw_bar(panel, filled, levels, label, _signed)
 
 
 def _draw_lines(axes: Any, gap: Estimate, values: Any, levels: Array) -> None:
@@ -610,7 +827,7 @@ def _draw_dashes(axes: Any) -> None:
     axes.plot((0.0, 1.0), (0.25, 0.25), color=SOFT, lw=2.0)
 
 
-def _scatter(axes: Any, kind: str, points: Any, heights: Any) -> None:
+def _scatter(axes: Any, kind: str, points: Any, heights: Any, name: str = "") -> None:
     mark = _MARKS[kind]
     across, up = np.transpose(points)
     axes.scatter(
@@ -621,7 +838,7 @@ def _scatter(axes: Any, kind: str, points: Any, heights: Any) -> None:
         facecolors=mark.fill,
         edgecolors=mark.edge,
         linewidths=2.0 if kind == "place" else 0.8,
-        gid=kind,
+        gid=name or kind,
         clip_on=False,
         zorder=3,
     )

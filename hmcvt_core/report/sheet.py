@@ -1,17 +1,27 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A diagnosis on one sheet of paper: verdict, map of the gap, next step."""
+"""A diagnosis on one sheet of paper: cause, size, doubt, next step, one map, parameters, fit."""
 
 from __future__ import annotations
 
+import datetime
 import textwrap
 from collections.abc import Sequence
+from pathlib import PurePath
 from typing import Any
 
 from ..diagnosis import Diagnosis
-from ..diagnosis.design.classes import EffectClass
 from ..diagnosis.results import text as words
-from ..diagnosis.results.outcome import Cause
-from .gap_map import View, draw_view, machine, views
+from ..diagnosis.results.outcome import ParameterEstimate
+from .answer import (
+    VERDICTS,
+    how_far,
+    members,
+    next_step,
+    scatter_sentence,
+    sizes,
+    unit_in_words,
+)
+from .gap_map import draw_gap_map, largest_gap_map, machine, place_in_words
 from .style import INK, SOFT, styled, to_pdf
 
 _PAPER = (8.27, 11.69)  # A4 [in]
@@ -21,80 +31,162 @@ _COLUMNS = 84  # letters of a line of the sheet's font
 _HEADLINE_COLUMNS = 46
 _LINE = 0.0175  # height of a line; part of the sheet
 _LEFT = 0.09
-_LEAST_PICTURE = 0.14  # height; part of the sheet
-_CAUSES = 3  # listed on the sheet; the page has all
+_BOTTOM = 0.04
+_SMALLEST_PICTURE = 0.14  # height; part of the sheet
+_LARGEST_PICTURE = 0.42
+_AROUND_PICTURE = 0.125  # heading, labels and caption
+_MOST_PARAMETERS = 8
+"""Base parameters on the sheet; the page has all."""
 
-VERDICTS = {
-    "no_gap": "No gap",
-    "cause_found": "Cause found",
-    "ambiguous": "Ambiguous",
-    "unexplained": "Unexplained",
-}
+CAPTION = (
+    "Through the test with the largest estimated gap; hatched where the gap is less than two "
+    "standard deviations of its estimate; boxes: regions that differ; triangles: tests."
+)
 
 
-def sheet(diagnosis: Diagnosis) -> bytes:
+def sheet(diagnosis: Diagnosis, date: datetime.date | None = None) -> bytes:
     """Return a diagnosis as PDF of one page.
+
+    Args:
+        diagnosis: with or without a gap.
+        date: printed on the sheet; today when left out.
 
     Raises:
         InputError: matplotlib is missing.
     """
     with styled(_PAPER) as figure:
-        draw_sheet(figure, diagnosis)
+        draw_sheet(figure, diagnosis, date)
         return to_pdf(figure)
 
 
-def draw_sheet(figure: Any, diagnosis: Diagnosis) -> None:
-    """Draw the sheet on an empty matplotlib figure of its size."""
-    import matplotlib as mpl
+def draw_sheet(
+    figure: Any, diagnosis: Diagnosis, date: datetime.date | None = None
+) -> None:
+    """Draw the sheet on an empty matplotlib figure of its size.
 
+    Args:
+        figure: empty matplotlib figure.
+        diagnosis: with or without a gap.
+        date: printed on the sheet; today when left out.
+    """
+    if date is None:
+        date = datetime.date.today()
     figure.set_layout_engine("none")
-    height = 0.95
+    height = _draw_answer(figure, diagnosis)
+    fit = _fit_lines(diagnosis, date)
+    room = height - _BOTTOM - _AROUND_PICTURE - _height(fit)
+    parameters = _that_fit(_parameter_lines(diagnosis), room - _SMALLEST_PICTURE)
+    room -= _height(parameters)
+    notes = _that_fit(_notes(diagnosis), room - _SMALLEST_PICTURE)
+    room -= _height(notes)
+    picture_height = max(_SMALLEST_PICTURE, min(room, _LARGEST_PICTURE))
+    height = _draw_picture(figure, diagnosis, height, picture_height)
+    height = _paragraphs(figure, height, "Parameters", parameters)
+    height = _paragraphs(figure, height, "Fit and files", fit)
+    _paragraphs(figure, height, "Notes", notes)
+
+
+def _draw_answer(figure: Any, diagnosis: Diagnosis) -> float:
+    """Draw verdict, causes, size and next step; return the height below them."""
     height = _write(
-        figure, height, f"Model against bench: {machine(diagnosis)}", color=SOFT
+        figure, 0.95, f"Model against bench: {machine(diagnosis)}", color=SOFT
     )
     height = _write(figure, height, f"Verdict: {VERDICTS[diagnosis.verdict]}")
     height -= 0.5 * _LINE
-    headline = textwrap.wrap(words.mechanic(diagnosis), _HEADLINE_COLUMNS)
-    for line in headline:
+    for line in textwrap.wrap(words.mechanic(diagnosis), _HEADLINE_COLUMNS):
         figure.text(_LEFT, height, line, size=_HEADLINE, weight="bold", va="top")
         height -= 1.6 * _LINE
     height -= 0.5 * _LINE
-    for warning in diagnosis.warnings:
-        height = _write(figure, height, warning)
-    height = _write(figure, height, words.verdict(diagnosis))
-    for line in _cause_lines(diagnosis):
-        height = _write(figure, height, line)
-    next_step = _next_step(diagnosis)
-    room = height - 0.06 - 0.135 - _height(next_step)
-    notes = _notes_that_fit(diagnosis, room - _LEAST_PICTURE)
-    picture_height = min(room - _height(notes), 0.42)
-    sizes: dict[Any, Any] = {
+    for sentence in (*diagnosis.warnings, scatter_sentence(diagnosis)):
+        height = _write(figure, height, sentence)
+    height = _paragraphs(figure, height, "Possible causes", _member_lines(diagnosis))
+    size = how_far(diagnosis)
+    height = _paragraphs(figure, height, "How far", [f"{size.value} {size.meaning}."])
+    return _paragraphs(figure, height, "Next step", next_step(diagnosis))
+
+
+def _member_lines(diagnosis: Diagnosis) -> list[str]:
+    lines = []
+    for member in members(diagnosis):
+        detail = f" ({member.detail})" if member.detail else ""
+        lines.append(f"{member.probability}  {member.name}{detail}")
+    return lines
+
+
+def _draw_picture(
+    figure: Any, diagnosis: Diagnosis, height: float, picture_height: float
+) -> float:
+    """Draw the map where the gap is largest; return the height below it and its caption."""
+    import matplotlib as mpl
+
+    sizes_of_letters: dict[Any, Any] = {
         "font.size": _FONT,
         "axes.titlesize": _FONT,
         "axes.labelsize": _FONT,
         "xtick.labelsize": _FONT,
         "ytick.labelsize": _FONT,
     }
-    with mpl.rc_context(sizes):
-        axes = figure.add_axes(
-            (_LEFT + 0.06, height - picture_height - 0.035, 0.74, picture_height)
-        )
-        draw_view(axes, diagnosis, _best_view(diagnosis))
-    height = height - picture_height - 0.105
+    entry = largest_gap_map(diagnosis)
+    place = place_in_words(diagnosis, entry).removeprefix("at ")
     height = _write(
-        figure,
-        height,
-        "Colour: estimated gap at the median of the other axes, hatched where it is less "
-        "than two standard deviations; boxes: regions that differ; triangles: samples.",
-        color=SOFT,
+        figure, height - 0.5 * _LINE, f"Map of the gap, {place}", weight="bold"
     )
-    height = _write(figure, height - 0.5 * _LINE, "Next step", weight="bold")
-    for paragraph in next_step:
-        height = _write(figure, height, paragraph)
-    if notes:
-        height = _write(figure, height - 0.5 * _LINE, "Notes", weight="bold")
-    for note in notes:
-        height = _write(figure, height, note)
+    with mpl.rc_context(sizes_of_letters):
+        axes = figure.add_axes(
+            (_LEFT + 0.06, height - picture_height, 0.8, picture_height)
+        )
+        draw_gap_map(axes, diagnosis, entry, "right")
+        axes.set_title("")  # it stands in the heading
+    return _write(figure, height - picture_height - 0.045, CAPTION, color=SOFT)
+
+
+def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return the sizes of the leading cause, and the base parameters with their errors."""
+    lines = []
+    if diagnosis.named is not None:
+        lines += sizes(diagnosis.named)
+    base = []
+    for name, estimate in list(diagnosis.parameters.items())[:_MOST_PARAMETERS]:
+        base.append(f"{words.plain(name)} {_estimate_in_words(estimate)}")
+    if base:
+        lines.append(f"Base: {'; '.join(base)}")
+    return lines
+
+
+def _estimate_in_words(estimate: ParameterEstimate) -> str:
+    unit = unit_in_words(estimate.unit)
+    value = words.number(estimate.value)
+    error = words.number(estimate.standard_error)
+    return f"{value} \N{PLUS-MINUS SIGN} {error} {unit}".rstrip()
+
+
+def _fit_lines(diagnosis: Diagnosis, date: datetime.date) -> list[str]:
+    """Return the fit in one line, then date and names of files."""
+    gap = diagnosis.gap
+    fit = (
+        f"{gap.samples} samples, noise {words.amount(diagnosis, gap.noise)}, error at samples "
+        f"left out {words.amount(diagnosis, diagnosis.delivered.rmse_before)} before and "
+        f"{words.amount(diagnosis, diagnosis.delivered.rmse_after)} after, "
+        f"{words.p_is(gap.p_value)}"
+    )
+    files = [f"{date.isoformat()}; bench {_file_name(diagnosis.samples.source)}"]
+    if diagnosis.judged is not diagnosis.samples:
+        files.append(f"held out {_file_name(diagnosis.judged.source)}")
+    baseline = getattr(diagnosis, "baseline", None)
+    if baseline is not None:
+        files.append(f"baseline {_file_name(baseline.source)}")
+    fingerprint = getattr(diagnosis.model, "fingerprint", None)
+    if fingerprint is not None:
+        files.append(f"model {fingerprint}")
+    return [fit, ", ".join(files)]
+
+
+def _file_name(source: object) -> str:
+    return PurePath(str(source)).name
+
+
+def _notes(diagnosis: Diagnosis) -> list[str]:
+    return [note for note in diagnosis.notes if note not in diagnosis.warnings]
 
 
 def _height(paragraphs: Sequence[str]) -> float:
@@ -107,20 +199,32 @@ def _height(paragraphs: Sequence[str]) -> float:
     return _LINE * lines
 
 
-def _notes_that_fit(diagnosis: Diagnosis, room: float) -> list[str]:
-    """Return the first notes that leave the picture its least height."""
-    notes: list[str] = []
-    for note in diagnosis.notes:
-        if note in diagnosis.warnings:
-            continue
-        if _height([*notes, note]) > room:
+def _that_fit(paragraphs: Sequence[str], room: float) -> list[str]:
+    """Return the first paragraphs that fit into a height."""
+    fitting: list[str] = []
+    for paragraph in paragraphs:
+        if _height([*fitting, paragraph]) > room:
             break
-        notes.append(note)
-    return notes
+        fitting.append(paragraph)
+    return fitting
+
+
+def _paragraphs(
+    figure: Any, height: float, heading: str, paragraphs: Sequence[str]
+) -> float:
+    """Write paragraphs below their heading; return the height below them."""
+    if not paragraphs:
+        return height
+    height = _write(figure, height - 0.5 * _LINE, heading, weight="bold")
+    for paragraph in paragraphs:
+        height = _write(figure, height, paragraph)
+    return height
 
 
 def _write(figure: Any, height: float, text: str, **style: Any) -> float:
     """Write wrapped text from the height downward; return the height below it."""
+    if not text:
+        return height
     for line in textwrap.wrap(_printable(text), _COLUMNS):
         look = {"color": INK, **style}
         figure.text(_LEFT, height, line, size=_FONT, va="top", **look)
@@ -133,55 +237,3 @@ def _printable(text: str) -> str:
     for letter in text:
         letters.append(letter if letter.isprintable() else " ")
     return "".join(letters)
-
-
-def _cause_lines(diagnosis: Diagnosis) -> list[str]:
-    lines: list[str] = []
-    classes = []
-    for cause in diagnosis.causes:
-        effect_class = diagnosis.class_of(cause)
-        if effect_class is None:
-            probability = words.probability(cause.probability)
-            lines.append(
-                f"{probability}  {words.plain(cause.effect)} ({cause.component}): "
-                f"{cause.summary}"
-            )
-        elif effect_class not in classes:
-            classes.append(effect_class)
-            lines.append(_class_line(effect_class, cause))
-    return lines[:_CAUSES]
-
-
-def _class_line(effect_class: EffectClass, cause: Cause) -> str:
-    """Return a line for a class, described by its most probable member."""
-    probability = words.probability(effect_class.probability)
-    members = words.listed([words.plain(name) for name in effect_class.members])
-    return f"{probability}  {members}: {cause.summary}"
-
-
-def _next_step(diagnosis: Diagnosis) -> list[str]:
-    """Return what to do next, one paragraph an entry."""
-    if diagnosis.verdict == "no_gap":
-        return ["No test is needed: there is no gap to explain."]
-    named = diagnosis.named
-    if not diagnosis.next_tests and named is not None and named.remedy:
-        return [f"To settle it: {named.remedy}."]
-    return diagnosis.advice.steps()
-
-
-def _best_view(diagnosis: Diagnosis) -> View:
-    """Return the pair of axes in which the first region is smallest."""
-    pairs = views(diagnosis)
-    if not diagnosis.where:
-        return pairs[0]
-    limits = diagnosis.where[0].limits
-
-    def area(view: View) -> float:
-        product = 1.0
-        for axis in view:
-            low, high = limits[axis.name]
-            first, last = diagnosis.extent[axis.name]
-            product *= (high - low) / max(last - first, 1e-12)
-        return product
-
-    return min(pairs, key=area)
