@@ -31,12 +31,13 @@ RELATIVE_CHANGE = 1e-8
 """Standard deviation of the change of every number, as a part of it."""
 CHANGED = 0.01
 """Part of a figure by which it has changed."""
-LEAST_PROBABILITY = 0.005
-"""Change of a probability that no report prints: they print whole percents."""
+LEAST_PART = 0.005
+"""Change of a probability or of a part removed that no report prints: they print whole percents."""
 LEAST_ERROR = 0.01
 """Change of an error of a meter or of a parameter that no report prints, in its deviations."""
 FIRST_SEED = 54_000_000
 _NOISES = ("0.1 %", "0.4 %")
+_IN_PERCENT = re.compile(r"probability$|shrinkage$|fraction$|interval\[\d\]$")
 _IN_DEVIATIONS = "/deviation"
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
@@ -166,7 +167,8 @@ def _differ(key: str, one: Any, other: Any) -> bool:
         # A set that only one of the two lists has no probability in the other.
         one = one or 0.0
         other = other or 0.0
-        least = LEAST_PROBABILITY
+    if _IN_PERCENT.search(key):
+        least = LEAST_PART
     if key.endswith(_IN_DEVIATIONS):
         least = LEAST_ERROR
     numbers = (int, float)

@@ -111,13 +111,13 @@ def test_where_it_lies():
             beyond + "most clearly in the output speed at low engine speed.",
         ),
         (
-            _region((80.0, 110.0), p_value=0.06),
+            _region((80.0, 110.0), p_value=0.2),
             beyond.removesuffix(", ") + ".",
         ),
     ):
         assert words.verdict(replace(found, where=(region,))).startswith(start)
     # The largest region need not be the significant one.
-    regions = (_region((200.0, 230.0), p_value=0.06), _region((80.0, 110.0)))
+    regions = (_region((200.0, 230.0), p_value=0.2), _region((80.0, 110.0)))
     assert "at low engine speed" in words.verdict(replace(found, where=regions))
 
 

@@ -94,11 +94,11 @@ def with_served_model(diagnosis: Diagnosis) -> Diagnosis:
     Args:
         diagnosis: of a transmission; without a gap it is returned as it is.
     """
-    if diagnosis.verdict in ("no_gap", "excess_scatter"):
+    if not diagnosis.gap.significant:
         return diagnosis
     handed = handed_over(diagnosis)
     notes = diagnosis.notes
-    if handed.kind == BASE:
+    if handed.kind == BASE and diagnosis.verdict != "excess_scatter":
         notes = (
             *notes,
             "no model with more than the base lowers the error at tests left out by more than "

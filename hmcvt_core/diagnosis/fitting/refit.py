@@ -184,7 +184,6 @@ class Fit:
             self.theta,
             self.jacobian,
             whitened=self.whitened,
-            rough=True,
             noise=weights,
             negligible=CONVERGED_STEP,
         )
