@@ -24,12 +24,11 @@ def noise_notes(analysis: Analysis) -> tuple[str, ...]:
     if lowest < ratio < highest:
         return ()
     if not observed.assumed:
-        advice = "check the statement"
         if ratio > 1.0:
-            advice += ", or look for a loss that varies with what was not recorded"
+            return ()  # `statements.scatter` says so
         return (
-            f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): "
-            + advice,
+            f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): check "
+            "the statement",
         )
     usual = channel.deviation(observed.measured[0])
     if np.ptp(observed.deviation[0] / usual) > ROUNDING:

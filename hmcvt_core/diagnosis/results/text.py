@@ -91,13 +91,35 @@ def _gap_lines(outcome: Outcome) -> list[str]:
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
         f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples "
         f"left out{without}",
+        *_handed_over_lines(outcome),
     ]
-    if shrinkage.fraction is not None:
+    if outcome.scatter is not None and outcome.verdict != "excess_scatter":
+        ratio = f"{outcome.scatter.ratio:.2g} times the stated noise is left"
+        lines.append(f"scatter    {ratio}. {outcome.scatter.sentence}")
+    if shrinkage.fraction is not None and outcome.named is not None:
         grows = ", where it grows" if shrinkage.fraction < 0.0 else ""
         lines.append(
             f"shrinkage  {before} -> {after} beyond the noise, on {shrinkage.on}{grows}"
         )
     return lines
+
+
+def _handed_over_lines(outcome: Outcome) -> list[str]:
+    """Return a line on the model that is saved and served, where it is not the base model."""
+    delivered = outcome.delivered
+    if outcome.served is None or delivered.kind == "base":
+        return []
+    parts = []
+    if outcome.named is not None:
+        parts.append(named(outcome.sets[0].effects))
+    if delivered.bumps:
+        parts.append(f"an empirical remainder of {delivered.bumps} bumps")
+    before = amount(outcome, delivered.rmse_before)
+    after = amount(outcome, delivered.rmse_after)
+    return [
+        f"model      handed over with {listed(parts, 'and')}: {before} -> {after} rms at "
+        "blocks of tests and sessions left out"
+    ]
 
 
 def _region_lines(outcome: Outcome) -> list[str]:
