@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis
+from hmcvt_core.diagnosis.settings import REGION_SIGNIFICANCE
 from hmcvt_core.errors import InputError
 from hmcvt_core.fleet.executors import Processes
 from studies.blind.bench.judge import Case, draw, served
@@ -37,8 +38,7 @@ def _costs_without_a_cause(found: Diagnosis) -> bool:
 
 
 def _names_nothing(found: Diagnosis) -> bool:
-    """Whether a verdict that names a cause has none, or one without a cause has one."""
-    return (found.verdict in NAMED) != (found.named is not None)
+    return found.verdict in NAMED and not (found.causes and found.sets)
 
 
 def _is_certain_and_open(found: Diagnosis) -> bool:
@@ -63,7 +63,7 @@ def _prints_an_empty_region(found: Diagnosis) -> bool:
     channel = found.channel
     for region in found.where:
         size = abs(channel.factor * region.mean_residual)
-        if region.p_value > 0.05 or round(size, channel.digits) == 0.0:
+        if region.p_value > REGION_SIGNIFICANCE or round(size, channel.digits) == 0.0:
             return True
     return False
 
@@ -79,7 +79,7 @@ def _agrees_and_scatters(found: Diagnosis) -> bool:
 RULES: dict[str, Callable[[Diagnosis], bool]] = {
     "a region is referred to, and none is printed": _is_told_and_denied,
     "watts in the headline without a cause": _costs_without_a_cause,
-    "verdict and causes differ": _names_nothing,
+    "a cause is found, and none is named": _names_nothing,
     "a found cause is called uncertain": _is_certain_and_open,
     "a next test is listed twice": _repeats_a_test,
     "a next test has no gain": _asks_for_a_test_without_gain,
