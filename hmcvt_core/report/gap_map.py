@@ -305,7 +305,7 @@ def _page_map(diagnosis: Diagnosis, group: list[GapMap], reach: _Reach) -> str:
         reach: of all maps.
     """
     across, up = group[0].view
-    tips: dict[str, Any] = {}
+    tips: dict[str, list[str]] = {}
     descriptions = []
     for number, entry in enumerate(group):
         tips |= _tips(diagnosis, entry, _suffix(group, number))

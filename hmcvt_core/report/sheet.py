@@ -127,7 +127,7 @@ def _draw_picture(
         "ytick.labelsize": _FONT,
     }
     entry = largest_gap_map(diagnosis)
-    place = place_in_words(diagnosis, entry).removeprefix("at ")
+    place = place_in_words(diagnosis, entry)
     height = _write(
         figure, height - 0.5 * _LINE, f"Map of the gap, {place}", weight="bold"
     )

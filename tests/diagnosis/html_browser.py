@@ -39,6 +39,9 @@ function measure(frame) {
   const page = frame.contentDocument, view = frame.contentWindow;
   const found = {width: view.innerWidth, scroll: page.documentElement.scrollWidth,
                  beyond: [], crossing: [], clipped: [], covered: [], smallest: 1e9, figures: 0};
+  const answer = page.querySelector('.answer');
+  found.answer = answer ? answer.getBoundingClientRect().bottom : 0;  // all else is folded
+  for (const fold of page.querySelectorAll('details')) fold.open = true;
   for (const item of page.body.querySelectorAll('*')) {
     const box = item.getBoundingClientRect();
     if (box.width && box.right > view.innerWidth + 0.5 && !item.closest('.scroll'))

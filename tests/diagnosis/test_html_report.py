@@ -2,6 +2,7 @@
 """The page of a diagnosis: one real diagnosis, and what it could have been."""
 
 import base64
+import datetime
 import functools
 import hashlib
 import re
@@ -18,12 +19,22 @@ from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
 from hmcvt_core.diagnosis.results.stages import stages_of
+from hmcvt_core.diagnosis.statements.agreement import Agreement, Look
+from hmcvt_core.diagnosis.statements.members import Member
+from hmcvt_core.diagnosis.statements.scatter import ExcessScatter
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.report import html, write_report
 from hmcvt_core.report.figures import test_labels as labels_of_tests
 from hmcvt_core.report.figures import test_rows as rows_of_tests
-from hmcvt_core.report.gap_map import draw_view, estimate, held_values, views
+from hmcvt_core.report.gap_map import (
+    draw_gap,
+    draw_view,
+    estimate,
+    held_values,
+    largest_gap_map,
+    views,
+)
 from hmcvt_core.report.residuals import stage_rows
 from hmcvt_core.report.sheet import draw_sheet
 
@@ -32,7 +43,10 @@ from .html_browser import Layout, clicked, laid_out
 
 PAGES = (
     "no_gap",
+    "excess_scatter",
     "cause_found",
+    "class_found",
+    "other_form",
     "ambiguous",
     "class",
     "pair",
@@ -42,8 +56,25 @@ PAGES = (
     "bare",
     "one_stroke",
 )
+SHEET_HEADINGS = ("Possible causes", "How far", "Next step", "Fit and files")
 LINK = "{http://www.w3.org/1999/xlink}href"
 LEAST_LETTER = 9.0  # px, font size of the smallest text in a figure
+SCREEN_HEIGHT = 800  # px, at 1280 px
+PHONE_SCREENS_HEIGHT = 2 * 844  # px, at 390 px
+SCATTER = ExcessScatter(
+    ratio=2.4,
+    channel="efficiency",
+    time_scale="minutes",
+    quantities=(("oil_temperature", 0.64), ("charge_pressure", 0.2)),
+    sensor="record the oil temperature with each test",
+    sentence="Readings scatter 2.4 times their stated noise, over minutes.",
+)
+DISAGREEMENT = Agreement(
+    stated=True,
+    holds=False,
+    ratio=2.4,
+    looks=(Look("efficiency", "session 2", 16, 3.4, 0.002),),
+)
 HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
 
 
@@ -51,6 +82,16 @@ HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
 def diagnosis(name: str) -> Diagnosis:
     if name == "class":
         return hmcvt.diagnose(BASE, campaign((ChargePump(6.0),), n=48), noise=NOISE)
+    if name == "class_found":
+        in_class = Member(("charge_pump", "bearing_drag"), "pump", 0.93, True, 1740.0)
+        return replace(diagnosis("class"), verdict=name, members=(in_class,))
+    if name == "other_form":
+        leading = Member(("charge_pump",), "pump", 0.996, False, 820.0)
+        return replace(diagnosis("class"), verdict=name, members=(leading,))
+    if name == "excess_scatter":
+        return replace(
+            diagnosis("no_gap"), verdict=name, scatter=SCATTER, agreement=DISAGREEMENT
+        )
     if name == "ambiguous":
         return replace(diagnosis("class"), verdict="ambiguous", classes=())
     found = diagnosis("ambiguous")
@@ -281,9 +322,11 @@ def test_says_the_sentence_for_the_mechanic_first(
     ]
     assert told[:3] == ["Model against bench: simulated", badge, words.mechanic(found)]
     assert told[2].startswith(first) and len(told[2].split()) <= 25
-    grounds = told[3 + len(found.warnings)]
-    assert grounds.startswith(f"The grounds {words.verdict(found)}")
-    assert told[3 : 3 + len(found.warnings)] == [f"{each}." for each in found.warnings]
+    assert told[3:] == [f"{each}." for each in found.warnings]
+    answer, grounds = list(parsed(name).find("body/main"))[:2]
+    assert answer.get("class") == "answer"
+    folded = " ".join(" ".join(grounds.itertext()).split())
+    assert folded.startswith("The grounds") and words.verdict(found) in folded
 
 
 def test_sets_of_causes_stand_in_a_table_with_the_unlisted() -> None:
@@ -371,8 +414,8 @@ def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) 
         seen["up"], reverse=True
     )
     assert len(seen["up"]) == len(diagnosis("cause_found").samples)
-    # In the three maps and in the residuals before and after.
-    assert seen["hit"] == [seen["name"]] and seen["marks"] == 5
+    # In the map of the answer, the three maps, and the residuals before and after.
+    assert seen["hit"] == [seen["name"]] and seen["marks"] == 6
 
 
 def test_of_many_samples_an_even_part_is_drawn_on_a_page_of_moderate_size() -> None:
@@ -459,6 +502,10 @@ def test_fits_a_screen_and_a_phone_without_overlaps(layout: Layout) -> None:
         assert faults == [[], [], [], []], name
         assert seen["scroll"] <= seen["width"] and seen["figures"] >= 5, name
         assert seen["smallest"] >= LEAST_LETTER, name
+        if not name.startswith("hostile"):
+            is_wide = name.endswith("@1280")
+            room = SCREEN_HEIGHT if is_wide else PHONE_SCREENS_HEIGHT
+            assert 0.0 < seen["answer"] <= room, name
 
 
 def test_measures_see_a_broken_page_and_nothing_else_is_complained_of(
@@ -576,19 +623,17 @@ def test_page_and_report_of_several_stages() -> None:
     assert [row[:2] for row in rows] == [("HM3", "16"), ("HM4", "24")]
     assert all(cell in shown for row in rows for cell in row)
     assert shown.count("<h3>By stage</h3>") == 2  # residuals, watts
-    assert "<h3>Stage HM3</h3>" in shown and "<h3>Stage HM4</h3>" in shown
     names = re.findall(r'<svg [^>]*id="(map-[a-z0-9-]*)"', shown)
-    assert len(names) == len(set(names)) == 6
-    for number, count in enumerate((16, 24)):
-        drawn = re.search(
-            rf'<svg [^>]*id="map-engine-speed-load-torque-stage-{number}".*?</svg>',
-            shown,
-            re.DOTALL,
-        )
-        assert drawn is not None
-        assert drawn[0].count(" points</title>") == count
-        letters = drawn[0].replace("\N{NO-BREAK SPACE}", " ")
-        assert f">stage HM{number + 3}, at displacement ratio" in letters
+    assert len(names) == len(set(names)) == 3  # one for each pair of axes
+    drawn = re.search(
+        r'<svg [^>]*id="map-engine-speed-load-torque".*?</svg>', shown, re.DOTALL
+    )
+    assert drawn is not None
+    assert drawn[0].count(" points</title>") == 16 + 24
+    letters = drawn[0].replace("\N{NO-BREAK SPACE}", " ")
+    for stage in ("HM3", "HM4"):
+        assert f">stage {stage}, at" in letters
+        assert f", stage {stage}, at displacement ratio" in letters
     lines = found.report().splitlines()
     assert any(line.startswith("stages     HM3: 16 samples, mean ") for line in lines)
     assert any(line.startswith("           HM4: 24 samples, mean ") for line in lines)
@@ -609,6 +654,70 @@ def test_the_stage_of_the_next_test_is_named() -> None:
     assert re.search(r">distinguishes</th>\s*<th[^>]*>stage</th>", html(found))
 
 
+def test_answer_names_every_kind_of_verdict() -> None:
+    found = text("class_found")
+    assert "One of a class" in found
+    assert "charge pump or bearing drag 93 %" in found
+    assert "1700 W lost on average" in found
+    assert "in a form that is not in the library" in text("other_form")
+    assert "820 W lost on average" in text("other_form")
+    scatter = text("excess_scatter")
+    assert "Scatter above its statement" in scatter
+    assert "What may have varied oil temperature 64 %" in scatter
+    assert "To find out: record the oil temperature with each test." in scatter
+    assert "efficiency session 2 16 3.4 0.002" in scatter
+
+
+def test_answer_takes_its_map_where_the_gap_is_largest() -> None:
+    found = of_stages()
+    points = found.posterior.base_only.fit.observed.points
+    named = {name: points[name] for name in (*(a.name for a in found.axes), "stage")}
+    mean, deviation = found.gap_at(**named)
+    clear = np.where(np.abs(mean) >= 2.0 * deviation, np.abs(mean), 0.0)
+    row = int(clear.argmax())
+    entry = largest_gap_map(found)
+    assert entry.stage == list(found.base.stages)[int(points["stage"][row])]
+    assert entry.held == {name: points[name][row] for name in entry.held}
+    shown = figure_of(html(found), "lead-map")
+    assert f"stage {entry.stage}, at " in shown.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def figure_of(shown: str, identity: str) -> str:
+    found = re.search(rf'<svg [^>]*id="{identity}".*?</svg>', shown, re.DOTALL)
+    assert found is not None
+    return found[0]
+
+
+def test_picture_of_many_stages_and_axes_keeps_a_readable_size() -> None:
+    from matplotlib.figure import Figure
+
+    tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+    rng = np.random.default_rng(2)
+    stage = np.repeat(["HM1", "HM2", "HM3", "HM4"], 10)
+    count = len(stage)
+    points = {
+        "displacement_ratio": rng.uniform(-0.6, 0.6, count),
+        "engine_speed": rng.uniform(120.0, 220.0, count),
+        "load_torque": rng.uniform(150.0, 350.0, count),
+    }
+    efficiency = replace(tractor, effects=(ChargePump(8.0),)).efficiency(
+        *points.values(), stage=stage
+    )
+    for oil in (None, rng.uniform(45.0, 85.0, count)):
+        samples = hmcvt.BenchSamples(
+            **points,
+            efficiency=efficiency + 0.004 * rng.standard_normal(count),
+            oil_temperature=oil,
+            extra={"stage": stage},
+        )
+        found = hmcvt.diagnose(tractor, samples, noise=0.004)
+        drawn = Figure()
+        draw_gap(drawn, found)
+        width, height = 130.0 * drawn.get_size_inches()
+        assert width < 2800.0 and height < 2000.0
+        draw_sheet(Figure(), found)  # along recorded axes no region has limits
+
+
 def test_stages_are_in_one_order() -> None:
     samples = of_stages().samples
     backward = samples.select(np.arange(len(samples))[::-1])
@@ -619,10 +728,14 @@ def test_sheet_of_several_stages() -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.27, 11.69))
-    draw_sheet(figure, of_stages())
+    draw_sheet(figure, of_stages(), datetime.date(2026, 2, 3))
     lines = [text.get_text() for text in figure.texts]
     assert lines[0].endswith("stages HM3, HM4")
     assert not any(line.startswith("candidates: ") for line in lines)
+    headings = [line for line in lines if line in SHEET_HEADINGS]
+    assert headings == list(SHEET_HEADINGS)
+    assert any(line.startswith("Map of the gap, stage HM") for line in lines)
+    assert any("2026-02-03" in line for line in lines)
     bottom = min(text.get_position()[1] for text in figure.texts)
     assert bottom > 0.03
 
