@@ -490,6 +490,13 @@ MISSED_PART = (0.19, 0.38)
 Source: the square of the largest form allowance along three axes, once and twice.
 """
 
+SCATTERED_PART = (max(FORM_ALLOWANCES) ** 2, 2.0 * max(FORM_ALLOWANCES) ** 2)
+"""Parts of the squared gap that scatter above their statement: negligible up to, a loss from.
+
+Source: the square of the largest form allowance, once and twice; what forms miss is as large. It is
+a part of the gap, so that more samples do not make a named cause weaker.
+"""
+
 EXPLAINED_BY_SET = (1.0, 0.01)
 """How far a set explains the gap at the two ends of the ranges above.
 

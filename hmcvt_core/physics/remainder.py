@@ -78,6 +78,11 @@ Those next to a reading left out would predict it too well.
 """
 LONGEST_RUN = 0.2
 """Largest part of the readings that is left out together: five folds at least."""
+START_STEP = 1.0
+"""Distance of the further starts of a search from the prior medians, in logarithms: a factor of
+three, as far as the widest of the priors reaches."""
+LEAST_GAIN = 1e-6
+"""Gain in log posterior from which a later start replaces an earlier one, above rounding."""
 DEVIATION_LOG_BOUNDS = (-4.0, 3.0)
 NOISE_LOG_BOUNDS = (-4.0, 4.0)
 """Bounds of the logs of deviation and noise, against runaway searches."""
@@ -446,44 +451,108 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
     )
     # A length along an axis that does not vary changes nothing.
     free = np.append(np.flatnonzero(varies), axes + np.arange(4))
-    of_terms = (training.columns * training.spread) @ (
-        training.columns * training.spread
-    ).T
+    scaled_terms = training.columns * training.spread
+    of_terms = scaled_terms @ scaled_terms.T
+    apart = np.abs(training.order[:, None] - training.order)
 
-    def objective(part: Array) -> float:
+    def objective(part: Array) -> tuple[float, Array]:
         logs = np.zeros(axes + 4)
         logs[free] = part
         lengths = LENGTH_MEDIAN * np.exp(logs[:axes])
         deviation = training.smooth_deviation * np.exp(logs[axes])
         noise = np.exp(logs[axes + 1]) * training.noise
-        covariance = deviation**2 * matern(scaled, scaled, lengths) + of_terms
-        drift = _drift_of(logs).covariance(scaled, training.order, noise)
-        covariance = covariance + drift
-        factor = _factor_of(covariance, noise)
-        return _negative_log_likelihood(factor, training.values) + 0.5 * float(
-            np.sum((logs / spread) ** 2)
-        )
+        drift = _drift_of(logs)
+        of_smooth = deviation**2 * matern(scaled, scaled, lengths)
+        of_drift = drift.covariance(scaled, training.order, noise)
+        factor = _factor_of(of_smooth + of_terms + of_drift, noise)
+        # Derivatives of the covariance by the logarithms.
+        slopes = list(deviation**2 * _matern_slopes(scaled, lengths))
+        slopes.append(2.0 * of_smooth)
+        slopes.append(2.0 * (of_drift + np.diag(noise**2)))
+        slopes.append(2.0 * of_drift)
+        slopes.append(of_drift * apart / drift.readings)
+        value, gradient = _negative_log_likelihood(factor, training.values, slopes)
+        value += 0.5 * float(np.sum((logs / spread) ** 2))
+        gradient += logs / spread**2
+        return value, gradient[free]
 
     bounds = [LENGTH_LOG_BOUNDS] * (len(free) - 4)
     bounds += [DEVIATION_LOG_BOUNDS, NOISE_LOG_BOUNDS]
     bounds += [DEVIATION_LOG_BOUNDS, LENGTH_LOG_BOUNDS]
-    fitted = minimize(
-        objective,
-        np.zeros(len(free)),
-        method="L-BFGS-B",
-        bounds=bounds,
-        options={"maxiter": 40, "ftol": 1e-6},
-    )
+    best = None
+    for start in _starts(len(free)):
+        fitted = minimize(
+            objective,
+            start,
+            method="L-BFGS-B",
+            jac=True,
+            bounds=bounds,
+            options={"maxiter": 200, "ftol": 1e-12, "gtol": 1e-6},
+        )
+        # A tie by rounding goes to the first start.
+        if best is None or fitted.fun < best.fun - LEAST_GAIN:
+            best = fitted
     logs = np.zeros(axes + 4)
-    logs[free] = fitted.x
+    if best is not None:
+        logs[free] = best.x
     return logs
 
 
-def _negative_log_likelihood(factor: Array, values: Array) -> float:
-    from scipy.linalg import solve_triangular
+def _starts(count: int) -> list[Array]:
+    """Return the points at which a search begins, relative to the prior medians.
 
-    whitened = solve_triangular(factor, values, lower=True)
-    return float(0.5 * whitened @ whitened + np.sum(np.log(np.diagonal(factor))))
+    Args:
+        count: number of free logarithms, the last four those of deviation, noise and drift.
+    """
+    medians = np.zeros(count)
+    smooth = np.zeros(count)
+    smooth[:-4] = START_STEP
+    bent = np.zeros(count)
+    bent[:-4] = -START_STEP
+    bent[-4] = START_STEP
+    noisy = np.zeros(count)
+    noisy[-4] = -START_STEP
+    noisy[-3] = START_STEP
+    return [medians, smooth, bent, noisy]
+
+
+def _matern_slopes(points: Array, lengths: Array) -> Array:
+    """Return the derivatives of `matern` by the log of each length, shape (d, n, n).
+
+    Args:
+        points: shape (n, d).
+        lengths: shape (d,).
+    """
+    from scipy.spatial.distance import cdist
+
+    scaled = points / lengths
+    root = np.sqrt(5.0) * cdist(scaled, scaled)
+    common = 5.0 / 3.0 * (1.0 + root) * np.exp(-root)
+    squares = (scaled[:, None] - scaled) ** 2
+    return np.asarray(common * np.moveaxis(squares, -1, 0))
+
+
+def _negative_log_likelihood(
+    factor: Array, values: Array, slopes: list[Array]
+) -> tuple[float, Array]:
+    """Return the negative log likelihood and its gradient.
+
+    Args:
+        factor: lower Cholesky factor of the covariance, shape (n, n).
+        values: readings, shape (n,).
+        slopes: derivatives of the covariance by p quantities, shape (n, n) each.
+
+    Returns:
+        The value, and its gradient, shape (p,).
+    """
+    from scipy.linalg import cho_solve
+
+    weights = cho_solve((factor, True), values)
+    inverse = cho_solve((factor, True), np.eye(len(values)))
+    value = 0.5 * values @ weights + np.sum(np.log(np.diagonal(factor)))
+    difference = inverse - np.outer(weights, weights)
+    gradient = [0.5 * np.sum(difference * slope) for slope in slopes]
+    return float(value), np.array(gradient)
 
 
 def _factor_of(covariance: Array, noise: Array) -> Array:

@@ -42,7 +42,7 @@ def _log_odds_of_scatter(samples, noise):
     hypothesis = Hypothesis(Transmission(BASE), (ChargePump(40.0),))
     explanation = explain(refit(hypothesis, observed))
     for extended in scattered(explanation):
-        assert extended.explained_fraction(explanation) == 0.0
+        assert extended.explained_fraction(explanation) < 0.05
         return extended.log_evidence - explanation.log_evidence
     return None
 

@@ -36,6 +36,7 @@ from ..settings import (
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
     ROUNDING,
+    SCATTERED_PART,
     SIZE_SPREADS,
 )
 from ..system import Array
@@ -125,19 +126,38 @@ class Explanation:
     def explained_fraction(self, base_only: Explanation) -> float:
         """Return how far the listed effects explain the gap, 0 to 1.
 
-        Two parts of the squared change from the base model reduce it: what an extra discrepancy
-        makes, and what the set misses while its forms do not bend. Up to a limit either is due to
-        inexact forms.
+        Three parts of the squared change from the base model reduce it: what an extra discrepancy
+        makes, what scatters above its statement, and what the set misses while its forms do not
+        bend. Up to a limit each stays unexplained without a doubt about the set: it is due to
+        inexact forms, or too small beside the change.
 
         Args:
             base_only: the base model alone.
         """
-        if not self.names or self.fit.hypothesis.reversed_sign or self.scatters:
+        if not self.names or self.fit.hypothesis.reversed_sign:
             return 0.0
         extra_part, missed_part = self._parts_not_explained(base_only)
         without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
         by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
-        return float(without_extra * by_forms)
+        fraction = without_extra * by_forms
+        if self.scatters:
+            scattered_part = self._scattered_part(base_only)
+            fraction *= np.interp(scattered_part, SCATTERED_PART, EXPLAINED_BY_SET)
+        return float(fraction)
+
+    def _scattered_part(self, base_only: Explanation) -> float:
+        """Return the part of the squared gap that is scatter above its statement, 0 to 1.
+
+        It does not depend on the number of samples: both grow with them alike.
+
+        Args:
+            base_only: the base model alone.
+        """
+        squares = np.mean(base_only.fit.whitened**2, axis=1)
+        is_stated = self.fit.observed.prior_dof > PRIOR_DOF_ASSUMED_SMALL
+        excess = np.where(is_stated, np.maximum(self.model.noise - 1.0, 0.0), 0.0)
+        gap = max(float(np.sum(squares)), ROUNDING)
+        return min(float(np.sum(excess)) / gap, 1.0)
 
     def extra_part(self, base_only: Explanation) -> float:
         """Return the part of the squared change that an extra discrepancy makes, 0 to 1."""
