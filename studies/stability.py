@@ -195,6 +195,9 @@ def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
         # The key of the set has them already.
         return
     elif isinstance(value, list):
+        if value and isinstance(value[0], list):
+            # Sets with a member of a class, in the order of probabilities that are printed nowhere.
+            value = sorted(value)
         for i, item in enumerate(value):
             yield from _flat(item, f"{key}[{_name_of(item) or i}]")
     else:

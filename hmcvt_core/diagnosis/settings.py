@@ -511,6 +511,12 @@ PROPOSALS = 6
 Source: chosen on development campaigns, for speed.
 """
 
+EQUAL_EVIDENCE = 1e-3
+"""Difference of log evidence [nats] up to which two forms are equal, so that the first counts.
+
+Source: chosen; forms that are one curve on the tests of a campaign differ by rounding alone.
+"""
+
 EXCHANGES = 1
 """Other forms, and other effects, that are tried in place of an effect.
 

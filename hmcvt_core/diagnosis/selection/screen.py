@@ -20,7 +20,7 @@ from ..fitting.evidence import (
 )
 from ..fitting.hypothesis import Hypothesis
 from ..fitting.refit import Fit, Signature, refit
-from ..settings import SIZE_SPREADS
+from ..settings import EQUAL_EVIDENCE, SIZE_SPREADS
 from ..system import Array, Effect
 
 Names = tuple[str, ...]
@@ -113,7 +113,9 @@ def screen(
     gains = _gains(fit, forms, changes, combinations, reversed_sign)
     log_form_priors = _log_form_priors(forms, combinations, gains.tolist())
     proposals = []
-    for i in np.argsort(-gains):
+    # A stable sort in steps of equal evidence: equal forms come in the order of the library.
+    steps = np.round(gains / EQUAL_EVIDENCE)
+    for i in np.argsort(-steps, kind="stable"):
         combination = combinations[i]
         proposals.append(
             Proposal(

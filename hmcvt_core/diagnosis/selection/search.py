@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from ..fitting.refit import Fit, Signature, refit_without, with_free_shapes
 from ..settings import (
+    EQUAL_EVIDENCE,
     EXCHANGE_ROUNDS,
     EXCHANGED_SETS,
     EXCHANGES,
@@ -73,7 +74,8 @@ class _Candidates:
         """Keep a refit if it is the best of its set."""
         names = explanation.names
         log_evidence = explanation.log_evidence + log_form_prior.all_forms
-        if names not in self.best or log_evidence > self.log_evidence(names):
+        is_new = names not in self.best
+        if is_new or log_evidence > self.log_evidence(names) + EQUAL_EVIDENCE:
             self.best[names] = (explanation, log_form_prior)
 
     def refit(self, proposals: Iterable[Proposal]) -> None:
