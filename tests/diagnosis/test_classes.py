@@ -241,7 +241,7 @@ def test_diagnosis_names_a_class_once():
     assert found.sets[0].effects in leading.sets
     text = " ".join(found.report().split())
     assert text.count(effects.sentence) == 1
-    assert text.count("torque sensor, ") <= 3  # headline, verdict and sets
+    assert text.count("torque sensor, ") <= 4  # headline, verdict, members and sets
     assert f"{leading} (" in text
     assert words.mechanic(found).startswith("Probably pressure leakage and torque")
     advice = found.advice

@@ -16,7 +16,7 @@ from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
 
 
 def _with_a_pump(stated, noise=NOISE):
-    samples = campaign((ChargePump(40.0),), seed=3, noise=noise)
+    samples = campaign((ChargePump(20.0),), seed=3, noise=noise)
     return hmcvt.diagnose(BASE, samples, noise=stated)
 
 
@@ -39,7 +39,7 @@ def test_noise_near_or_below_its_statement_blames_nothing(part):
 def _log_odds_of_scatter(samples, noise):
     """Of a loss that scatters against a noise that is understated; None where none is stated."""
     observed = fitted(samples, noise).observed
-    hypothesis = Hypothesis(Transmission(BASE), (ChargePump(40.0),))
+    hypothesis = Hypothesis(Transmission(BASE), (ChargePump(20.0),))
     explanation = explain(refit(hypothesis, observed))
     for extended in scattered(explanation):
         assert extended.explained_fraction(explanation) < 0.05
@@ -49,13 +49,13 @@ def _log_odds_of_scatter(samples, noise):
 
 @pytest.mark.parametrize("n", [10, 96])
 def test_noise_that_nobody_stated_blames_nothing(n):
-    samples = campaign((ChargePump(40.0),), seed=3, n=n, noise=4.0 * NOISE)
+    samples = campaign((ChargePump(20.0),), seed=3, n=n, noise=4.0 * NOISE)
     assert _log_odds_of_scatter(samples, None) is None
     assert _log_odds_of_scatter(samples, NOISE) is not None
 
 
 def test_odds_grow_with_the_noise_and_are_finite():
-    samples = campaign((ChargePump(40.0),), seed=3, noise=NOISE)
+    samples = campaign((ChargePump(20.0),), seed=3, noise=NOISE)
     odds = []
     for part in (1.0, 2.0, 4.0, 1000.0):
         odds.append(_log_odds_of_scatter(samples, NOISE / part))

@@ -163,6 +163,8 @@ def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
             errors = predictions[kind].left_out
             if campaign.gains(predictions[best].left_out, errors, margin):
                 best = kind
+    if best == BASE:
+        return HandedOver(BASE, diagnosis.base, 0, rms(before), rms(before))
     model, bumps = campaign.model_of(best)
     after = predictions[best].left_out
     root_mean_square = np.sqrt(np.mean(after**2, axis=0))
@@ -346,10 +348,8 @@ class _Campaign:
     # --- the model -----------------------------------------------------------------------------
 
     def model_of(self, kind: str) -> tuple[EfficiencyModel, int]:
-        """Return the model of a prediction, and how many bumps it holds."""
+        """Return the model of a prediction other than the base, and how many bumps it holds."""
         base: EfficiencyModel = self.diagnosis.base
-        if kind == BASE:
-            return base, 0
         start = base
         if self.diagnosis.named is not None:
             start = self.diagnosis.named.model

@@ -110,9 +110,9 @@ def _part_of_change(analysis: Analysis, member: Member) -> float:
     for names, (explanation, _) in analysis.posterior.present.items():
         if set(member.effects).isdisjoint(names):
             continue
-        before = np.sum(analysis.base.whitened[0] ** 2)
-        left = np.sum(explanation.fit.whitened[0] ** 2)
-        noise = float(len(analysis.base.observed))
+        before = np.sum(analysis.base.whitened**2)
+        left = np.sum(explanation.fit.whitened**2)
+        noise = float(analysis.base.whitened.size)
         reduced = (before - left) / max(before - noise, 1.0)
         extra_part = explanation.extra_part(analysis.posterior.base_only)
         return min(reduced, 1.0 - extra_part)
