@@ -57,6 +57,11 @@ class Analysis:
         """Whether a campaign without a gap hardly ever has such readings."""
         return self.detection.p_value <= GAP_SIGNIFICANCE
 
+    @property
+    def has_candidates(self) -> bool:
+        """Whether there is a gap, and a set of listed effects that may cause it."""
+        return self.significant and bool(self.posterior.sets)
+
     @cached_property
     def leading(self) -> tuple[Explanation, float]:
         """The most probable set of listed effects, and its probability."""

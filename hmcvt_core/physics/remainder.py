@@ -79,7 +79,7 @@ Those next to a reading left out would predict it too well.
 LONGEST_RUN = 0.2
 """Largest part of the readings that is left out together: five folds at least."""
 START_STEP = 1.0
-"""Distance of the further starts of a search from the prior medians, in logarithms: a factor of
+"""Distance of the second start of a search from the prior medians, in logarithms: a factor of
 three, as far as the widest of the priors reaches."""
 LEAST_GAIN = 1e-6
 """Gain in log posterior from which a later start replaces an earlier one, above rounding."""
@@ -501,19 +501,16 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
 def _starts(count: int) -> list[Array]:
     """Return the points at which a search begins, relative to the prior medians.
 
+    What bends may count as noise, so that the second start has more noise and less process.
+
     Args:
         count: number of free logarithms, the last four those of deviation, noise and drift.
     """
     medians = np.zeros(count)
-    smooth = np.zeros(count)
-    smooth[:-4] = START_STEP
-    bent = np.zeros(count)
-    bent[:-4] = -START_STEP
-    bent[-4] = START_STEP
     noisy = np.zeros(count)
     noisy[-4] = -START_STEP
     noisy[-3] = START_STEP
-    return [medians, smooth, bent, noisy]
+    return [medians, noisy]
 
 
 def _matern_slopes(points: Array, lengths: Array) -> Array:

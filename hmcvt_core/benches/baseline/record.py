@@ -82,7 +82,7 @@ class Baseline:
         Args:
             diagnosis: of the change, with one effect of each curve.
         """
-        if diagnosis.verdict == "unexplained" and not self.exceeds:
+        if diagnosis.verdict in ("unexplained", "excess_scatter") and not self.exceeds:
             diagnosis = _without_gap(diagnosis)
         causes = self._expanded_causes(diagnosis)
         sets = self._expanded_sets(diagnosis.sets)

@@ -4,8 +4,9 @@
 Three models predict the losses: the terms of the paper, these with the leading set of effects, and
 the terms of real units with a smooth remainder (`sound`). They are mixed by stacking (Wolpert 1992;
 Breiman 1996): with weights that are not negative, sum to one and have the least squared error at
-samples left out. Random parts of the samples give the weights within the tests. The highest fifth
-of an axis, predicted from below, gives the weights beyond the tests along it.
+samples left out. Random parts of the samples give the weights within the tests. The highest and the
+lowest fifth of an axis, predicted from the rest, give the weights beyond the tests along it. Where
+the mixture predicts a part no better than the terms of the paper, these are kept.
 """
 
 from __future__ import annotations
@@ -35,8 +36,22 @@ from .system import (
 
 FOLDS = 4
 """Random parts of the samples; each is predicted from the others."""
-BAND_PART = 0.8
-"""Quantile of an axis above which samples are predicted from those below: the highest fifth."""
+BAND_PART = 0.2
+"""Part of the samples at either end of an axis that is predicted from the rest: a fifth."""
+HIGH = "high"
+LOW = "low"
+SIDES = (HIGH, LOW)
+"""Ends of an axis."""
+GATE = 0.85
+"""Ratio of errors at samples left out above which the terms of the paper are kept.
+
+With some 20 samples an error is known to about 15 %.
+"""
+FARTHEST_POWER = 6
+"""Power of the distance by which bands share a point; chosen.
+
+A band that a point lies beyond outweighs those in which it only lies.
+"""
 LEAST_FITTED = 10
 """Fewest samples from which a band is predicted: two for each term of a loss."""
 SUM_WEIGHT = 1e3
@@ -49,8 +64,6 @@ WORSE = 1.05
 
 With some 20 samples an error is known to about 15 %, but those of two models share the noise.
 """
-LEAST_DISTANCE = 1e-9
-"""Least width of a band, as a part of the largest value of its axis."""
 
 
 class Predictor(Protocol):
@@ -65,15 +78,17 @@ class Weights:
     """Weights of the models for one band of the operating points.
 
     Attributes:
-        band: `inside`, or the axis along which the band is the highest fifth.
-        start: value where the band begins; 0 for `inside`.
-        end: largest value of the samples; 0 for `inside`.
+        band: `inside`, or the axis along which the band lies.
+        side: end of the axis, `high` or `low`; empty for `inside`.
+        start: value of the sample next to the band; 0 for `inside`.
+        end: outermost value of the samples; 0 for `inside`.
         models: weight of each model, by channel and model.
         errors: root mean square error at samples left out, by channel and model; `served` is that
             of the mixture.
     """
 
     band: str
+    side: str
     start: float
     end: float
     models: Mapping[str, Mapping[str, float]]
@@ -112,14 +127,17 @@ class ServedUnit:
     def deviation(self, samples: UnitSamples) -> dict[str, Array]:
         """Return standard deviations of the prediction by channel, shape (n,) each.
 
-        They are the errors of the mixture at samples left out, of noise and misfit.
+        They are the errors of the mixture at samples left out, of noise and misfit. Beyond the
+        samples they grow in proportion to the distance, in widths of the band that was left out.
         """
+        distances = self._distances(samples)
         parts = self._parts_of_bands(samples)
+        growth = np.maximum(distances, 1.0) ** 2
         deviations = {}
         for channel in self.bands[0].errors:
             variance = np.zeros(len(samples))
-            for part, band in zip(parts, self.bands, strict=True):
-                variance += part * band.errors[channel]["served"] ** 2
+            for part, factor, band in zip(parts, growth, self.bands, strict=True):
+                variance += part * factor * band.errors[channel]["served"] ** 2
             deviations[channel] = np.sqrt(variance)
         return deviations
 
@@ -136,15 +154,23 @@ class ServedUnit:
         return errors
 
     def notes(self) -> list[str]:
-        """Say where effects predict a band worse than the terms of the paper do."""
+        """Say where the terms of the paper are kept, and where effects predict worse than they."""
         notes = []
+        for channel in self.bands[0].models:
+            kept = [band for band in self.bands if band.models[channel]["base"] == 1.0]
+            if kept:
+                where = ", ".join(f"{band.side} {band.band}".strip() for band in kept)
+                notes.append(
+                    f"{channel.removesuffix('_loss')}: nothing predicts samples left out better "
+                    f"than the terms of the paper, which are kept: {where}"
+                )
         for band in self.bands:
             for channel, errors in band.errors.items():
                 if errors.get("with_effects", 0.0) <= WORSE * errors["base"]:
                     continue
                 where = "samples left out at random"
                 if band.band != INSIDE:
-                    where = f"the highest fifth of {band.band}, left out"
+                    where = f"the fifth of {band.side} {band.band}, left out"
                 percent = 100.0 * band.models[channel]["with_effects"]
                 notes.append(
                     f"{channel.removesuffix('_loss')}: the effects predict {where} worse than "
@@ -159,28 +185,44 @@ class ServedUnit:
         for band in self.bands:
             weights = {channel: dict(models) for channel, models in band.models.items()}
             errors = {channel: dict(models) for channel, models in band.errors.items()}
-            rows.append({"band": band.band, "weights": weights, "rmse": errors})
+            rows.append(
+                {
+                    "band": band.band,
+                    "side": band.side,
+                    "weights": weights,
+                    "rmse": errors,
+                }
+            )
         return rows
 
     def _parts_of_bands(self, samples: UnitSamples) -> Array:
         """Return the part of each band at the points of samples, shape (bands, n).
 
-        The parts of all bands but `inside` rise from 0 where a band begins to 1 at the largest
+        The parts of all bands but `inside` rise from 0 where a band begins to 1 at the outermost
         value of the samples. Of several bands the one counts most of which a point lies farthest
         out.
+        """
+        distances = self._distances(samples)
+        beyond = np.minimum(distances.max(axis=0), 1.0)
+        farthest = np.maximum(distances.max(axis=0), 1e-300)
+        shares = (distances / farthest) ** FARTHEST_POWER
+        parts = beyond * shares / np.maximum(shares.sum(axis=0), 1e-300)
+        parts[0] = 1.0 - beyond
+        return np.asarray(parts)
+
+    def _distances(self, samples: UnitSamples) -> Array:
+        """Return how far points lie in each band, in its width, shape (bands, n).
+
+        The distance is 1 at the outermost value of the samples.
         """
         distances = np.zeros((len(self.bands), len(samples)))
         for i, band in enumerate(self.bands):
             if band.band == INSIDE:
                 continue
             values = getattr(samples, band.band)
-            width = max(band.end - band.start, LEAST_DISTANCE * band.end)
+            width = band.end - band.start
             distances[i] = np.maximum((values - band.start) / width, 0.0)
-        beyond = np.minimum(distances.max(axis=0), 1.0)
-        squares = distances**2
-        parts = beyond * squares / np.maximum(squares.sum(axis=0), 1e-300)
-        parts[0] = 1.0 - beyond
-        return np.asarray(parts)
+        return distances
 
 
 def served_unit(
@@ -196,22 +238,26 @@ def served_unit(
     n = len(samples)
     order = np.random.default_rng(0).permutation(n)
     folds = [np.sort(part) for part in np.array_split(order, FOLDS)]
-    bands = [_weights(system, samples, effects, INSIDE, folds)]
+    bands = [_weights(system, samples, effects, INSIDE, "", folds)]
     for axis in BAND_AXES:
-        rows = _band_rows(samples, axis)
-        if rows is not None:
-            bands.append(_weights(system, samples, effects, axis, [rows]))
+        for side in SIDES:
+            rows = _band_rows(samples, axis, side)
+            if rows is not None:
+                bands.append(_weights(system, samples, effects, axis, side, [rows]))
     models = _fitted(system, samples, effects)
     return ServedUnit(models, tuple(bands), samples)
 
 
-def _band_rows(samples: UnitSamples, axis: str) -> NDArray[np.intp] | None:
-    """Return the samples in the highest fifth of an axis, or None where it has none."""
+def _band_rows(samples: UnitSamples, axis: str, side: str) -> NDArray[np.intp] | None:
+    """Return the samples in the outermost fifth of an axis, or None where it has none."""
     values = getattr(samples, axis)
-    above = values >= np.quantile(values, BAND_PART)
-    if np.sum(~above) < LEAST_FITTED:
+    if side == HIGH:
+        is_left_out = values >= np.quantile(values, 1.0 - BAND_PART)
+    else:
+        is_left_out = values <= np.quantile(values, BAND_PART)
+    if np.sum(~is_left_out) < LEAST_FITTED:
         return None
-    return np.flatnonzero(above)
+    return np.flatnonzero(is_left_out)
 
 
 def _fitted(
@@ -233,6 +279,7 @@ def _weights(
     samples: UnitSamples,
     effects: Sequence[Any],
     band: str,
+    side: str,
     parts: Sequence[NDArray[np.intp]],
 ) -> Weights:
     """Return the weights that predict parts of the samples best from the others.
@@ -242,6 +289,7 @@ def _weights(
         samples: of the unit.
         effects: of the leading set.
         band: name of the band.
+        side: end of the axis, empty for `inside`.
         parts: indices of the samples that are left out, one part at a time.
     """
     every_row = np.arange(len(samples))
@@ -266,11 +314,18 @@ def _weights(
         }
         mixture = sum(weights[channel][name] * rows_of[name] for name in rows_of)
         errors[channel]["served"] = _rms(measured - mixture)
+        if errors[channel]["served"] > GATE * errors[channel]["base"]:
+            weights[channel] = {name: float(name == "base") for name in rows_of}
+            errors[channel]["served"] = errors[channel]["base"]
     if band == INSIDE:
-        return Weights(band, 0.0, 0.0, weights, errors)
+        return Weights(band, side, 0.0, 0.0, weights, errors)
     values = getattr(samples, band)
-    start = float(values[order].min())
-    return Weights(band, start, float(values.max()), weights, errors)
+    kept = np.delete(values, order)
+    if side == HIGH:
+        start, end = float(kept.max()), float(values.max())
+    else:
+        start, end = float(kept.min()), float(values.min())
+    return Weights(band, side, start, end, weights, errors)
 
 
 def _stacked(predicted: Mapping[str, Array], measured: Array) -> dict[str, float]:

@@ -252,7 +252,7 @@ def measure_shrinkage(
         return _on_holdout(analysis, held_out)
     before = validation.base_errors
     samples = analysis.base.observed.samples
-    if analysis.significant:
+    if analysis.has_candidates:
         leading, _ = analysis.leading
         summary = validation.shrinkage(leading)
         return Measurement(summary, samples, before, validation.errors(leading))
@@ -268,7 +268,7 @@ def _on_holdout(analysis: Analysis, held_out: Observations) -> Measurement:
     Samples that do not state their noise have that of the campaign.
     """
     fit_before = fit_after = analysis.base
-    if analysis.significant:
+    if analysis.has_candidates:
         leading, _ = analysis.leading
         fit_after = leading.served_fit
     before = _errors_at(held_out, fit_before)

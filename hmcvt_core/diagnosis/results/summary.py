@@ -39,7 +39,7 @@ def causes_of(
     analysis: Analysis, validation: CrossValidation, verdict: str
 ) -> tuple[Cause, ...]:
     """Return the effects that may be present; those of the leading set come first."""
-    if not analysis.significant:
+    if not analysis.has_candidates:
         return ()
     leading, _ = analysis.leading
     probabilities = analysis.posterior.effects
