@@ -25,8 +25,8 @@ def test_a_set_that_leaves_far_more_than_the_stated_noise_is_not_all_of_it():
     above = _with_a_pump(NOISE / 4.0)
     assert as_stated.unlisted < 0.1
     assert above.unlisted > 0.5
-    assert above.verdict == "cause_found"
-    assert above.present[0].effects == ("charge_pump",)
+    assert above.verdict == "ambiguous"
+    assert above.sets[0].effects == ("charge_pump",)
     assert "not recorded" in above.scatter.sentence
     assert as_stated.scatter is None
 

@@ -66,13 +66,15 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Verdict:
         return "unexplained", (note,)
     named = None
     for item in present:
-        if _part_of_change(analysis, item) >= OTHER_FORM_PART:
+        if _makes_most(analysis, _likeliest_with(analysis, item)):
             named = item
             break
     if posterior.scatter > posterior.unlisted / 2.0:
-        if named is None:
-            return "excess_scatter", ()
-        return "class_found" if named.is_class else "cause_found", ()
+        if named is not None:
+            return "class_found" if named.is_class else "cause_found", ()
+        if posterior.sets and _makes_most(analysis, analysis.leading[0]):
+            return "ambiguous", ()
+        return "excess_scatter", ()
     if named is None:
         return "unexplained", ("no set of listed effects explains the gap",)
     names = " or ".join(map(plain, named.effects))
@@ -102,21 +104,25 @@ def set_is_settled(analysis: Analysis) -> bool:
     return probability >= CAUSE_FOUND_PROBABILITY and not _has_rival(analysis)
 
 
-def _part_of_change(analysis: Analysis, member: Member) -> float:
-    """Return the part of the squared change from the base model that a member's set makes.
+def _likeliest_with(analysis: Analysis, member: Member) -> Explanation:
+    """Return the likeliest explanation that holds a member."""
+    for names, (explanation, _) in analysis.posterior.present.items():
+        if not set(member.effects).isdisjoint(names):
+            return explanation
+    raise KeyError(member.effects)
+
+
+def _makes_most(analysis: Analysis, explanation: Explanation) -> bool:
+    """Whether a set makes most of the squared change from the base model.
 
     What scatters along no axis and what an extra discrepancy makes are no part of it.
     """
-    for names, (explanation, _) in analysis.posterior.present.items():
-        if set(member.effects).isdisjoint(names):
-            continue
-        before = np.sum(analysis.base.whitened**2)
-        left = np.sum(explanation.fit.whitened**2)
-        noise = float(analysis.base.whitened.size)
-        reduced = (before - left) / max(before - noise, 1.0)
-        extra_part = explanation.extra_part(analysis.posterior.base_only)
-        return min(reduced, 1.0 - extra_part)
-    return 0.0
+    before = np.sum(analysis.base.whitened**2)
+    left = np.sum(explanation.fit.whitened**2)
+    noise = float(analysis.base.whitened.size)
+    reduced = (before - left) / max(before - noise, 1.0)
+    extra_part = explanation.extra_part(analysis.posterior.base_only)
+    return bool(min(reduced, 1.0 - extra_part) >= OTHER_FORM_PART)
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
