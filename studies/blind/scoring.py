@@ -33,7 +33,7 @@ _TWINS = ("bearing_drag", "charge_pump", "gear_mesh/efficiency", "torque_sensor"
 
 
 def _named(record: Record) -> bool:
-    return record["verdict"] in ("cause_found", "ambiguous")
+    return record["verdict"] in ("cause_found", "class_found", "ambiguous")
 
 
 def _alarmed(record: Record) -> bool:
@@ -41,7 +41,7 @@ def _alarmed(record: Record) -> bool:
 
 
 def _refused(record: Record) -> bool:
-    return bool(record["verdict"] == "unexplained")
+    return record["verdict"] in ("unexplained", "other_form", "excess_scatter")
 
 
 def _among(record: Record, best: int = 3) -> bool:

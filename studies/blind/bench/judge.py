@@ -155,6 +155,13 @@ def _answer(answer: dict[str, Any], campaign: Campaign) -> dict[str, Any]:
         ],
         "forms": forms,
         "classes": [[list(classes), p] for classes, p in ranked[:5]],
+        "members": [
+            [
+                classes_of(item["effects"], forms, campaign.layout.output_coupled),
+                item["probability"],
+            ]
+            for item in answer["members"]
+        ],
         "gap": answer["gap"],
         "promised": shrinkage["fraction"],
         "interval": shrinkage["interval"],

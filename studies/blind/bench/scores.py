@@ -20,6 +20,8 @@ from studies.page import table
 Record = dict[str, Any]
 #: Squared deviations within which one effect imitates another.
 DETECTABLE = 18.0
+#: Ratio of errors at fresh tests from which a model is worse than another.
+WORSE = 1.02
 _BANDS = (0.0, 0.5, 0.7, 0.9, 0.98, 1.01)
 _LISTED = tuple(SETS)
 
@@ -29,7 +31,7 @@ _LISTED = tuple(SETS)
 
 def named(record: Record) -> bool:
     """Whether the verdict names a cause."""
-    return record["verdict"] in ("cause_found", "ambiguous")
+    return record["verdict"] in ("cause_found", "class_found", "ambiguous")
 
 
 def alarmed(record: Record) -> bool:
@@ -38,8 +40,8 @@ def alarmed(record: Record) -> bool:
 
 
 def refused(record: Record) -> bool:
-    """Whether the verdict is that no listed effect explains the gap."""
-    return bool(record["verdict"] == "unexplained")
+    """Whether the verdict is that no listed effect, or none in a listed form, explains the gap."""
+    return record["verdict"] in ("unexplained", "other_form", "excess_scatter")
 
 
 def among(record: Record, best: int) -> bool:
@@ -88,6 +90,16 @@ def promise_miss(record: Record) -> float | None:
     if not named(record) or record["promised"] is None:
         return None
     return float(abs(record["promised"] - record["met"]))
+
+
+def removed(record: Record) -> float:
+    """Part of the squared gap that the model handed over removes at fresh tests."""
+    return float(record["met"])
+
+
+def not_worse(record: Record) -> bool:
+    """Whether the model handed over is not worse than the base by more than 2 %."""
+    return bool(record["left_gap"] <= WORSE * record["true_gap"])
 
 
 def interval_holds(record: Record) -> bool | None:
@@ -208,6 +220,14 @@ LINES: tuple[Share | Figure, ...] = (
         promise_miss,
         _ninetieth,
     ),
+    Figure(
+        "unlisted, wrong sign: part removed by what is served, median",
+        "at least 0.7",
+        ("unlisted", "wrong_sign"),
+        removed,
+        _median,
+    ),
+    Share("served: not worse than the base", "at least 97 %", _EVERY, not_worse, False),
     Share(
         "interval of the promise holds", "90 to 98 %", _LISTED, interval_holds, False
     ),
@@ -259,6 +279,24 @@ def band_table(records: Sequence[Record]) -> str:
             )
         )
     return table(("probability of the first set", "mean", "right"), rows)
+
+
+def member_table(records: Sequence[Record]) -> str:
+    """Return how often a member is hidden in each tenth of its inclusion probability."""
+    answers = []
+    for record in records:
+        for classes, probability in record["members"]:
+            answers.append(
+                (probability, bool(set(classes) & set(record["true_classes"])))
+            )
+    rows = []
+    for low, high in pairwise(np.linspace(0.0, 1.0, 11)):
+        inside = [(p, right) for p, right in answers if low < p <= high]
+        if inside:
+            mean = np.mean([p for p, _ in inside])
+            hidden = share([right for _, right in inside])
+            rows.append((f"{low:.1f} to {high:.1f}", f"{mean:.2f}", hidden))
+    return table(("inclusion probability", "mean", "hidden"), rows)
 
 
 def unlisted_table(records: Sequence[Record]) -> str:

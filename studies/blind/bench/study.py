@@ -17,6 +17,7 @@ from studies.blind.bench.scores import (
     Record,
     band_table,
     cost_table,
+    member_table,
     misses,
     score_table,
     unlisted_table,
@@ -94,6 +95,7 @@ def report(records: Sequence[Record]) -> str:
     parts = [
         score_table(usable),
         band_table(usable),
+        member_table(usable),
         unlisted_table(usable),
         misses(usable),
     ]
@@ -149,6 +151,7 @@ def page(
         fresh=FRESH_TESTS,
         scores=score_table(usable),
         bands=band_table(usable),
+        members=member_table(usable),
         unlisted=unlisted_table(usable),
         cost=cost_lines,
     )
