@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..model.intervals import half_width
 from ..transmission.ranges import Array
 from .settings import EstimateSettings
 from .solving import Solved
@@ -88,6 +89,7 @@ def deviations(
     resolution: dict[str, float],
     settings: EstimateSettings,
     bias: float,
+    degrees_of_freedom: float | None = None,
 ) -> Deviations:
     """Return the standard deviations of an estimate.
 
@@ -99,6 +101,7 @@ def deviations(
             friction is rounded too.
         settings: errors of the bus.
         bias: of the torque, a fraction.
+        degrees_of_freedom: of the errors of the parameters; None for normal errors.
     """
     speed = inputs.engine_speed
     per_torque = solved.load_per_torque * speed
@@ -120,7 +123,9 @@ def deviations(
     if correlation is not None:
         # Independent combinations of the parameters.
         root = np.linalg.cholesky(correlation + 1e-9 * np.eye(len(correlation)))
-        lasting += list(root.T @ solved.parameter_change * speed)
+        # Widened so that QUANTILE, of the normal distribution, gives the interval of Student's t.
+        widened = half_width(degrees_of_freedom) / half_width(None)
+        lasting += list(widened * (root.T @ solved.parameter_change) * speed)
     rounded_speed = _UNIFORM * resolution.get("output_speed", 0.0)
     return Deviations(
         np.array(lasting), passing, np.hypot(rounded_speed, late * output_rate)

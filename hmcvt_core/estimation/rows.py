@@ -268,6 +268,7 @@ class Estimator:
             dict(self.selection.resolution),
             self.settings,
             self.bias,
+            self.model.degrees_of_freedom,
         )
         ambiguous = engaged.load_deviation * inputs.engine_speed
         passing = np.hypot(spread.passing, ambiguous)

@@ -24,6 +24,7 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
 from .domain import AXES, Domain
+from .intervals import LEAST_DEGREES
 from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
 
@@ -62,6 +63,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
                 "checksum",
                 "formulation",
                 "correlation",
+                "degrees_of_freedom",
                 "misfit",
                 "provenance",
             )
@@ -192,6 +194,11 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         correlation=_correlation(data["correlation"])
         if "correlation" in data
         else None,
+        degrees_of_freedom=(
+            file.number("degrees_of_freedom", low=LEAST_DEGREES)
+            if "degrees_of_freedom" in data
+            else None
+        ),
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
