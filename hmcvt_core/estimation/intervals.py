@@ -14,6 +14,7 @@ import numpy as np
 
 from ..model.intervals import half_width
 from ..transmission.ranges import Array
+from .condition import Moves
 from .settings import EstimateSettings
 from .solving import Solved
 
@@ -89,6 +90,7 @@ def deviations(
     resolution: dict[str, float],
     settings: EstimateSettings,
     bias: float,
+    moved: Moves,
     degrees_of_freedom: float | None = None,
 ) -> Deviations:
     """Return the standard deviations of an estimate.
@@ -101,6 +103,7 @@ def deviations(
             friction is rounded too.
         settings: errors of the bus.
         bias: of the torque, a fraction.
+        moved: what condition of the machine leaves open.
         degrees_of_freedom: of the errors of the parameters; None for normal errors.
     """
     speed = inputs.engine_speed
@@ -120,6 +123,9 @@ def deviations(
     engine_power = inputs.engine_torque * speed
     form = MISFIT if correlation is not None else settings.form_error
     lasting.append(form * engine_power)
+    lasting.append(solved.load_per_torque * settings.hydraulics[1])
+    lasting.append(moved.wear_deviation * speed)
+    lasting.append(moved.oil_deviation * speed)
     if correlation is not None:
         # Independent combinations of the parameters.
         root = np.linalg.cholesky(correlation + 1e-9 * np.eye(len(correlation)))
