@@ -391,7 +391,7 @@ class EfficiencyModel:
         point = (displacement_ratio, engine_speed, load_torque)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
         if type(efficiency) is float and self.correlation is not None:
-            return self._predicted_point(efficiency, slopes, point)
+            return self._predicted_point(efficiency, slopes, self.correlation, point)
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
@@ -411,10 +411,14 @@ class EfficiencyModel:
         return Prediction(_plain(efficiency), _plain(error), _plain(inside))
 
     def _predicted_point(
-        self, efficiency: float, slopes: Array, point: Sequence[Any]
+        self,
+        efficiency: float,
+        slopes: Array,
+        correlation: Array,
+        point: Sequence[Any],
     ) -> Prediction:
         """Return what `predict` returns, for one point."""
-        variance = float(((slopes @ self.correlation) * slopes).sum())
+        variance = float(((slopes @ correlation) * slopes).sum())
         error = math.nan
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
         if slopes.any():

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Intervals of parameters and predictions with few tests; fast and refused scalar input."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -65,6 +66,13 @@ def test_stated_noise_gives_normal_intervals(unstated):
 def test_file_keeps_degrees_of_freedom(four, tmp_path):
     save_model(four.model, tmp_path / "m.yaml")
     assert load_model(tmp_path / "m.yaml").degrees_of_freedom == 1.0
+
+
+def test_exported_c_states_the_half_width(four, tmp_path):
+    hmcvt.export_c(four.model, tmp_path / "c")
+    source = (tmp_path / "c" / "hmcvt_model.c").read_text()
+    (stated,) = re.findall(r"hmcvt_interval_90 = (\S+);", source)
+    assert float(stated) == half_width(1.0)
 
 
 def test_refit_adds_its_tests_to_the_degrees_of_freedom(four, unstated):
