@@ -22,7 +22,7 @@ from .solving import Solved
 _FILM_EXPONENT = 0.835
 """Power of the viscosity in the dampings: middle of 0.67 (rolling) and 1 (full films)."""
 _OIL_ERROR = 0.5
-"""Standard deviation of a move by the oil, as a part of it; wide, as grade and films are unknown."""
+"""Standard deviation of a move by the oil, as a part of it; wide: grade and films are unknown."""
 OIL_SLACK = 5.0
 """By which the oil may be off the identified temperatures before it counts as outside [deg C]."""
 
