@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
@@ -21,6 +22,8 @@ from ..report.pictures import save
 from . import common, logs
 from .common import Answer
 
+_NUMBER = r"(\d+(?:\.\d+)?)"
+_POWER_RANGE = re.compile(rf"{_NUMBER}\s*\.\.\s*{_NUMBER}\s*(k?W)")
 SOME_BROKEN = 3
 """Exit code when some of several logs are broken."""
 
@@ -106,6 +109,24 @@ def _channel_options() -> Callable[[common.Function], common.Function]:
     help="Of engine and flywheel in kg m2, known within half of it.",
 )
 @click.option(
+    "--wear",
+    type=common.fraction,
+    default=EstimateSettings.wear,
+    show_default=True,
+    help="By which part the leakage may have grown since the identification.",
+)
+@click.option(
+    "--hydraulics",
+    metavar="LOW..HIGH",
+    help="Power of pumps at the engine that the bus does not state, such as 0..6kW.",
+)
+@click.option(
+    "--identified-temperature",
+    type=float,
+    metavar="DEG_C",
+    help="Oil temperature of the identification.  [default: as the parameter file states]",
+)
+@click.option(
     "--step",
     type=float,
     default=EstimateSettings.step,
@@ -131,6 +152,9 @@ def command(
     torque_bias: float,
     delay: float,
     engine_inertia: float,
+    wear: float,
+    hydraulics: str | None,
+    identified_temperature: float | None,
     step: float,
     processes: int | None,
     scheduler: str | None,
@@ -159,6 +183,7 @@ def command(
         "stage_names": stage_names,
     }
     stated, dbc, _ = logs.stated_by(mapping, channels, given)
+    low, high = _power_range(hydraulics)
     job = Job(
         common.model_from(params),
         None if engine is None else load_engine(engine),
@@ -169,6 +194,10 @@ def command(
             torque_bias=torque_bias,
             delay=delay,
             engine_inertia=engine_inertia,
+            wear=wear,
+            hydraulics_low=low,
+            hydraulics_high=high,
+            oil_temperature=identified_temperature,
         ),
     )
     if len(machine_logs) == 1:
@@ -186,6 +215,19 @@ def command(
     lines.append(result.report())
     value: Mapping[str, Any] = {**result.to_dict(), "broken": list(together.broken)}
     return Answer(value, lines, SOME_BROKEN if together.broken else 0)
+
+
+def _power_range(text: str | None) -> tuple[float, float]:
+    """Return the two powers [W] of a text such as `0..6kW`; 0 and 0 without one."""
+    if text is None:
+        return 0.0, 0.0
+    match = _POWER_RANGE.fullmatch(text.strip())
+    if match is None:
+        raise InputError(
+            f"--hydraulics {text!r}: needs two powers in W or kW, as 0..6kW"
+        )
+    unit = 1e3 if match[3] == "kW" else 1.0
+    return unit * float(match[1]), unit * float(match[2])
 
 
 def _one(path: str, job: Job, out: str | None) -> Estimate:

@@ -227,8 +227,10 @@ def _refined(
         f"{100 * result.error_after:.2f} % refined"
     )
     lines += [f"note: {note}" for note in notes]
+    intervals = result.model.parameter_intervals()
     value = {
         "parameters": parameters,
+        "interval_90": {name: list(ends) for name, ends in intervals.items()},
         "error_before": result.error_before,
         "error_after": result.error_after,
         "refused": result.refused or None,

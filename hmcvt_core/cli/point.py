@@ -54,6 +54,7 @@ def predict(
 
 def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> Answer:
     prediction = model.predict(*point)
+    interval = model.interval_of(prediction)
     refusal = model.refusal(*point)
     common.note_oil_temperature(model, point.oil_temperature)
     solved = {}
@@ -62,7 +63,8 @@ def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> A
             solved[name] = value
     speed = math.nan
     if refusal is None:
-        spread = f"+- {prediction.standard_error:.4f}"
+        low, high = interval
+        spread = f"+- {prediction.standard_error:.4f} (90 %: {low:.4f} to {high:.4f})"
         if math.isnan(prediction.standard_error):
             spread = "(standard error unknown)"
         lines = [f"efficiency     {prediction.efficiency:.4f} {spread}"]
@@ -77,6 +79,7 @@ def _predicted(model: EfficiencyModel, point: Point, given: dict[str, Any]) -> A
     inside, outside_lines = domain_lines(model, point)
     result = {
         **prediction._asdict(),
+        "interval_90": list(interval),
         "inside_domain": inside,
         "output_speed": speed,
         "refusal": refusal,

@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..model.intervals import half_width
 from ..transmission.ranges import Array
+from .condition import Moves
 from .settings import EstimateSettings
 from .solving import Solved
 
@@ -88,6 +90,8 @@ def deviations(
     resolution: dict[str, float],
     settings: EstimateSettings,
     bias: float,
+    moved: Moves,
+    degrees_of_freedom: float | None = None,
 ) -> Deviations:
     """Return the standard deviations of an estimate.
 
@@ -99,6 +103,8 @@ def deviations(
             friction is rounded too.
         settings: errors of the bus.
         bias: of the torque, a fraction.
+        moved: what condition of the machine leaves open.
+        degrees_of_freedom: of the errors of the parameters; None for normal errors.
     """
     speed = inputs.engine_speed
     per_torque = solved.load_per_torque * speed
@@ -117,10 +123,15 @@ def deviations(
     engine_power = inputs.engine_torque * speed
     form = MISFIT if correlation is not None else settings.form_error
     lasting.append(form * engine_power)
+    lasting.append(solved.load_per_torque * settings.hydraulics[1])
+    lasting.append(moved.wear_deviation * speed)
+    lasting.append(moved.oil_deviation * speed)
     if correlation is not None:
         # Independent combinations of the parameters.
         root = np.linalg.cholesky(correlation + 1e-9 * np.eye(len(correlation)))
-        lasting += list(root.T @ solved.parameter_change * speed)
+        # Widened so that QUANTILE, of the normal distribution, gives the interval of Student's t.
+        widened = half_width(degrees_of_freedom) / half_width(None)
+        lasting += list(widened * (root.T @ solved.parameter_change) * speed)
     rounded_speed = _UNIFORM * resolution.get("output_speed", 0.0)
     return Deviations(
         np.array(lasting), passing, np.hypot(rounded_speed, late * output_rate)

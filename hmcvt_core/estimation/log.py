@@ -22,6 +22,7 @@ from ..files.table import csv_text
 from ..model.engine import Engine
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import Array
+from .condition import identified_temperatures, outside_identified
 from .rows import Estimator, Rows
 from .series_file import SeriesFile
 from .settings import EstimateSettings
@@ -192,7 +193,11 @@ def estimate(
                 on_rows(rows)
             if progress is not None:
                 progress(f"{100.0 * opened.progress_of():.0f} %")
-        notes = (*_notes(selection), *opened.remarks.lines)
+        notes = (
+            *_notes(selection),
+            *_condition_notes(selection, model, settings, run.seconds_outside),
+            *opened.remarks.lines,
+        )
         return Estimate(run.totals, str(opened.path), notes)
 
 
@@ -232,6 +237,44 @@ def _notes(selection: Selection) -> list[str]:
     return notes
 
 
+def _condition_notes(
+    selection: Selection,
+    model: EfficiencyModel,
+    settings: EstimateSettings,
+    seconds_outside: float,
+) -> list[str]:
+    """Return what is known and unknown of oil, wear and working hydraulics."""
+    notes = []
+    temperatures = identified_temperatures(model, settings)
+    if "oil_temperature" not in selection.quantities:
+        notes.append(
+            "the log states no oil temperature: cold or hot oil is not in the intervals"
+        )
+    elif temperatures is None:
+        notes.append(
+            "the oil temperature of the log is not used: the model does not state the one of its "
+            "identification (--identified-temperature says it)"
+        )
+    elif not model.states_errors:
+        notes.append(
+            "the oil temperature of the log is not used: the model states no errors of its "
+            "parameters"
+        )
+    else:
+        notes.append(
+            f"leakage and dampings follow the oil temperature of the log; {seconds_outside:.0f} s "
+            f"are outside the {temperatures[0]:.0f} to {temperatures[1]:.0f} deg C of the "
+            "identification"
+        )
+    if settings.wear == 0.0:
+        notes.append("wear since the identification is not in the intervals (--wear)")
+    elif not model.states_errors:
+        notes.append("wear is not used: the model states no errors of its parameters")
+    if settings.hydraulics_high == 0.0:
+        notes.append("working hydraulics are not in the intervals (--hydraulics)")
+    return notes
+
+
 @dataclass
 class _Run:
     """The estimate of one log, piece by piece.
@@ -239,6 +282,7 @@ class _Run:
     Attributes:
         log, selection, model, engine, settings: what is estimated, and by what.
         totals: sums so far.
+        seconds_outside: with the oil outside the temperatures of the identification.
     """
 
     log: Log
@@ -247,6 +291,7 @@ class _Run:
     engine: Engine | None
     settings: EstimateSettings
     totals: Totals = field(default_factory=Totals)
+    seconds_outside: float = 0.0
     _last: float = field(default=float("nan"), init=False)
 
     def pieces(self) -> Iterator[Rows]:
@@ -262,7 +307,7 @@ class _Run:
         for joined, values in read_rows(self.log, self.selection, self.settings.step):
             rows = estimator.rows(joined, values)
             fuel = self._fuel(rows, values)
-            self._add(rows, fuel, list(estimator.stages.names))
+            self._add(rows, fuel, values, list(estimator.stages.names))
             yield rows
 
     def _fuel(self, rows: Rows, values: dict[str, Any]) -> Array:
@@ -285,9 +330,15 @@ class _Run:
         usual = max(usual, 1e-6)
         return np.where(steps <= _LONGEST_ROW * usual, steps, usual)
 
-    def _add(self, rows: Rows, fuel: Array, names: list[str]) -> None:
+    def _add(
+        self, rows: Rows, fuel: Array, values: dict[str, Any], names: list[str]
+    ) -> None:
         totals = self.totals
         seconds = self._durations(rows.time)
+        temperatures = identified_temperatures(self.model, self.settings)
+        if "oil_temperature" in values and temperatures is not None:
+            outside = outside_identified(values["oil_temperature"], temperatures)
+            self.seconds_outside += float(seconds[outside].sum())
         runs = np.isfinite(rows.engine_speed) & (rows.reason != "the engine stands")
         answered = rows.reason == ""
         totals.seconds += float(seconds[runs].sum())

@@ -16,6 +16,7 @@ from ..files.logs.selection import ENGAGED, TAKE_OFFS, Selection
 from ..model.engine import Engine
 from ..model.model import EfficiencyModel
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array
+from .condition import Moves, moves
 from .intervals import QUANTILE, Deviations, Inputs, deviations, rate_of_change
 from .settings import EstimateSettings
 from .solving import Solved, Stages
@@ -123,6 +124,8 @@ class Estimator:
         torque, gross = self._torques(values)
         output = self._signed_output(values)
         net = torque - self.settings.engine_inertia * rate_of_change(time, speed)
+        hydraulics, _ = self.settings.hydraulics
+        net = net - hydraulics / np.maximum(speed, _IDLE)
         inputs = Inputs(time, speed, output, net, gross)
         reason = self._reasons(joined, inputs)
         standing = (reason == "") & self._stands(joined, output)
@@ -131,7 +134,11 @@ class Estimator:
         )
         unsolved = np.isnan(engaged.solved.load_torque) & ~standing & (reason == "")
         reason = np.where(unsolved, "no stage of the model fits", reason)
-        return self._assembled(inputs, engaged, standing, reason)
+        temperature = values.get("oil_temperature")
+        moved = moves(self.model, engaged.solved, temperature, self.settings)
+        load = engaged.solved.load_torque + moved.load
+        engaged = engaged._replace(solved=engaged.solved._replace(load_torque=load))
+        return self._assembled(inputs, engaged, moved, standing, reason)
 
     def _torques(self, values: Mapping[str, Any]) -> tuple[Array, Array]:
         """Torque at the flywheel, and with the friction of the engine where it is known [N m]."""
@@ -250,6 +257,7 @@ class Estimator:
         self,
         inputs: Inputs,
         engaged: _Engaged,
+        moved: Moves,
         standing: NDArray[np.bool_],
         reason: NDArray[np.str_],
     ) -> Rows:
@@ -268,6 +276,8 @@ class Estimator:
             dict(self.selection.resolution),
             self.settings,
             self.bias,
+            moved,
+            self.model.degrees_of_freedom,
         )
         ambiguous = engaged.load_deviation * inputs.engine_speed
         passing = np.hypot(spread.passing, ambiguous)

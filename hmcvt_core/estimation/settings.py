@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ..errors import InputError
+from ..transmission.ranges import OIL_TEMPERATURE
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,13 @@ class EstimateSettings:
         inertia_error: of `engine_inertia`, a fraction.
         form_error: of the efficiency [-] where the model states no errors of its parameters;
             1.12 % is the paper's uncertainty of a test.
+        wear: by which part the leakage may have grown since the identification: it is taken as
+            halfway, with that half as standard deviation; 0 where the machine is as identified.
+        hydraulics_low: least power that pumps at the engine take and the bus does not state [W].
+        hydraulics_high: most of it; the middle is taken off, with half the range as standard
+            deviation.
+        oil_temperature: at which the model was identified [deg C]; None takes what its provenance
+            states.
 
     Raises:
         InputError: a value is no finite number, or negative.
@@ -37,11 +45,30 @@ class EstimateSettings:
     engine_inertia: float = 2.0
     inertia_error: float = 0.5
     form_error: float = 0.0112
+    wear: float = 0.0
+    hydraulics_low: float = 0.0
+    hydraulics_high: float = 0.0
+    oil_temperature: float | None = None
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
+            if item.name == "oil_temperature":
+                if value is not None:
+                    OIL_TEMPERATURE.check(value, "settings")
+                continue
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(
                     f"{item.name} = {value:g}: a number of at least 0 is needed"
                 )
+        if self.hydraulics_low > self.hydraulics_high:
+            raise InputError(
+                f"hydraulics = {self.hydraulics_low:g} to {self.hydraulics_high:g} W: needs two "
+                "rising numbers"
+            )
+
+    @property
+    def hydraulics(self) -> tuple[float, float]:
+        """Middle and half the range of the power of working hydraulics [W]."""
+        middle = 0.5 * (self.hydraulics_low + self.hydraulics_high)
+        return middle, self.hydraulics_high - middle

@@ -16,6 +16,9 @@ _SIZES = {"double": 8, "single": 4}
 _SPEED_LIMIT = 10_000.0  # [rad/s]
 _TORQUE_LIMIT = 100_000.0  # [N m]
 _POWER_LIMIT = 1e8  # [W]
+_LEAKAGE_UNIT = "cm3/(min bar)"
+_LEAKAGE_FACTOR = "6e12"
+"""Leakage in cm3/(min bar) by that in m3/(s Pa): 1e6 cm3/m3, 60 s/min, 1e5 Pa/bar."""
 
 
 class _Measurement(NamedTuple):
@@ -91,16 +94,42 @@ def _conversion(name: str, unit: str) -> list[str]:
     ]
 
 
+def _scaled_conversion(name: str, unit: str, factor: str) -> list[str]:
+    """Return a conversion that shows a value multiplied by a factor.
+
+    Six decimals would show a leakage of 3e-11 as 0.
+
+    Args:
+        name: of the conversion.
+        unit: shown.
+        factor: shown value by stored value.
+    """
+    return [
+        f"    /begin COMPU_METHOD {name} " + _quoted(f"shown in {unit}"),
+        f"      RAT_FUNC {_quoted('%10.6')} {_quoted(unit)}",
+        # Stored = (a x^2 + b x + c) / (d x^2 + e x + f) of the value x that is shown.
+        f"      COEFFS 0 1 0 0 0 {factor}",
+        "    /end COMPU_METHOD",
+    ]
+
+
 def _characteristics(model: EfficiencyModel, precision: str) -> Iterator[str]:
     """Yield one CHARACTERISTIC for each hydraulic parameter."""
     values = model.parameters.to_array().tolist()
     for position, limits in enumerate(PARAMETER_RANGES):
         conversion = f"hmcvt_unit_{limits.name}"
         symbol = f"hmcvt_calibration.{limits.name}"
-        yield from _conversion(conversion, limits.unit)
+        low, high = limits.low, limits.high
+        if limits.name == "leakage":
+            yield from _scaled_conversion(conversion, _LEAKAGE_UNIT, _LEAKAGE_FACTOR)
+            # Limits of an object are in the unit shown.
+            low *= float(_LEAKAGE_FACTOR)
+            high *= float(_LEAKAGE_FACTOR)
+        else:
+            yield from _conversion(conversion, limits.unit)
         yield f"    /begin CHARACTERISTIC {symbol}"
         yield "      " + _quoted(f"identified: {values[position]!r} {limits.unit}")
-        yield f"      VALUE 0x0 hmcvt_value 0 {conversion} {limits.low!r} {limits.high!r}"
+        yield f"      VALUE 0x0 hmcvt_value 0 {conversion} {low!r} {high!r}"
         yield f"      SYMBOL_LINK {_quoted('hmcvt_calibration')} {position * _SIZES[precision]}"
         yield "    /end CHARACTERISTIC"
 

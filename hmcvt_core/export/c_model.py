@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..model import optimum
+from ..model.intervals import half_width
 from ..model.model import EfficiencyModel
 from ..physics.steady_state import MOTOR_REST_BOUND, ROUNDING
 from ..transmission import ranges
@@ -228,6 +229,8 @@ def _tables(
     parts.append(
         f"const hmcvt_parameters hmcvt_identified_parameters = {parameters};\n"
     )
+    half = c_text.literal(half_width(model.degrees_of_freedom))
+    parts.append(f"const hmcvt_real hmcvt_interval_90 = {half};\n")
     if model.states_errors:
         parts.append(_error_tables(model))
     if model.domain is not None:

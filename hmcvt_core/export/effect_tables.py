@@ -82,9 +82,10 @@ class Accuracy(NamedTuple):
         return (
             f"effects as tables of {self.nodes} nodes ({self.kilobytes:.0f} KB): efficiency "
             f"within {self.bound:.1e} at {100.0 * COVERAGE:g} % of {MEASURED_POINTS} random "
-            f"points, within {self.largest:.1e} at all; output speed within {self.speed:.1e} "
-            f"of the engine speed; at {100.0 * self.differing:.2f} % of the points, next to a "
-            "stall, either the model or the tables have no answer"
+            f"points, {self.largest:.1e} the largest of them (a sample, not a bound); "
+            f"output speed within {self.speed:.1e} of the engine speed; at "
+            f"{100.0 * self.differing:.2f} % of the points, next to a stall, either the model or "
+            "the tables have no answer"
         )
 
 

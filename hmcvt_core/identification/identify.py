@@ -36,7 +36,7 @@ from .annealing import AnnealingRun, Schedule, with_steps
 from .cross_validation import folds
 from .misfit import FEWEST, misfit_remarks, missed_alike, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
-from .precision import precision
+from .precision import degrees_of_freedom, precision
 from .problem import Problem
 from .provenance import origin
 from .remarks import unchecked, undetermined
@@ -270,6 +270,7 @@ def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
         parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
         standard_errors=standard_errors,
         correlation=correlation,
+        degrees_of_freedom=degrees_of_freedom(problem.samples),
         domain=Domain.of(problem.samples),
     )
 

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ..files.bench import BenchSamples
 from ..transmission.parameters import PARAMETER_NAMES, SEARCH_BOUNDS
 from ..transmission.ranges import Array
 from .problem import Problem
@@ -13,6 +14,8 @@ WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
 _RELATIVE_STEP = 1e-6  # of the width, of the differences
 _LEAST_SCATTER = 1e-3
 """Of the weighted residuals: samples without any would promise certainty."""
+_LEAKAGE_PRIOR = 10.0 ** SEARCH_BOUNDS[0, 1] / np.sqrt(12.0)
+"""Standard deviation of a leakage that is uniform from 0 to its upper bound [m3/(s Pa)]."""
 
 
 def precision(
@@ -22,7 +25,9 @@ def precision(
 
     From the Jacobian of the weighted residuals at the best point. The width of the bounds enters as
     prior knowledge (a uniform distribution has the variance width^2 / 12), so that a direction the
-    samples do not see gets the error of that width rather than infinity.
+    samples do not see gets the error of that width rather than infinity. Near its lower bound the
+    leakage, whose logarithm is searched, gets at least the width that a uniform leakage would have:
+    an error in proportion to its value would shrink to nothing there.
 
     Args:
         problem: samples and model.
@@ -35,13 +40,30 @@ def precision(
     residuals = (problem if scattered is None else scattered).residuals(scaled)
     scale = _scatter(residuals, problem.samples.efficiency_std is not None)
     jacobian = _jacobian(problem, scaled)
-    prior = np.diag(12.0 / WIDTH**2)
-    covariance = np.linalg.inv(jacobian.T @ jacobian / scale**2 + prior)
-    spread = np.sqrt(np.diag(covariance))
     # The leakage is scaled by its logarithm.
     units = np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
+    width = WIDTH / np.sqrt(12.0)
+    width[0] = max(width[0], _LEAKAGE_PRIOR / units[0])
+    prior = np.diag(1.0 / width**2)
+    covariance = np.linalg.inv(jacobian.T @ jacobian / scale**2 + prior)
+    spread = np.sqrt(np.diag(covariance))
     errors = dict(zip(PARAMETER_NAMES, (spread * units).tolist(), strict=True))
     return errors, covariance / np.outer(spread, spread)
+
+
+def degrees_of_freedom(samples: BenchSamples) -> float | None:
+    """Return the degrees of freedom of the scatter in standard errors, None for normal errors.
+
+    Stated deviations are known. Without them the residuals give the scatter, unless there are only
+    as many samples as parameters: then it is the paper's, eq. (3), taken as known.
+
+    Args:
+        samples: those that are fitted.
+    """
+    free = len(samples) - len(PARAMETER_NAMES)
+    if samples.efficiency_std is not None or free <= 0:
+        return None
+    return float(free)
 
 
 def _jacobian(problem: Problem, scaled: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
+from ..model.intervals import half_width
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
 from ..model.plausibility import gear_train_remarks
@@ -107,6 +108,11 @@ class Identification:
             "stages": stages,
             "parameters": self.model.to_mapping()["parameters"],
             "correlation": self.correlation.tolist(),
+            "degrees_of_freedom": self.model.degrees_of_freedom,
+            "interval_90": {
+                name: list(ends)
+                for name, ends in self.model.parameter_intervals().items()
+            },
             "misfit": self.model.misfit,
             "samples": len(self.samples),
             "fit_error": self.fit_error,
@@ -161,10 +167,19 @@ class Identification:
             f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
             "search finished it)"
         )
+        intervals = model.parameter_intervals()
         for name, entry in self.parameters.to_mapping(self.standard_errors).items():
+            low, high = intervals[name]
             yield (
                 f"  {name:<14} {entry['value']:10.4g} +- "
-                f"{entry['standard_error']:.2g} {entry['unit']}"
+                f"{entry['standard_error']:.2g} {entry['unit']} "
+                f"(90 %: {low:.3g} to {high:.3g})"
+            )
+        if model.degrees_of_freedom is not None:
+            yield (
+                f"  (intervals of 90 % are {half_width(model.degrees_of_freedom):.3g} standard "
+                f"errors to each side: Student's t with {model.degrees_of_freedom:g} degrees of "
+                "freedom)"
             )
         for stage in self.stages:
             if stage not in self.alone:

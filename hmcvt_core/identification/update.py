@@ -89,8 +89,13 @@ class Update:
             model = replace(model, parameters=HydraulicParameters(*values))
         covariance = self._covariance(problem.prior)
         spread = np.sqrt(np.diag(covariance))
+        free = model.degrees_of_freedom
+        if free is not None:
+            # The samples add to what is known of the scatter.
+            free += float(problem.votes.sum())
         return replace(
             model,
+            degrees_of_freedom=free,
             standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
             correlation=covariance / np.outer(spread, spread),
         )

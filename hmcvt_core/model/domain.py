@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +67,27 @@ class Domain:
         speed_inside = self.covers("engine_speed", engine_speed)
         load_inside = self.covers("load_torque", load_torque)
         return stroke_inside & speed_inside & load_inside
+
+    @cached_property
+    def _limits(self) -> tuple[tuple[float, float], ...]:
+        return tuple(self.limits_with_slack(axis) for axis in AXES)
+
+    def contains_point(
+        self, displacement_ratio: float, engine_speed: float, load_torque: float
+    ) -> bool:
+        """Return whether one point lies inside; what `contains` gives, without arrays.
+
+        Args:
+            displacement_ratio: [-].
+            engine_speed: [rad/s].
+            load_torque: [N m].
+        """
+        stroke, speed, load = self._limits
+        return (
+            stroke[0] <= displacement_ratio <= stroke[1]
+            and speed[0] <= engine_speed <= speed[1]
+            and load[0] <= load_torque <= load[1]
+        )
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Return which values of one axis lie inside; a rounding error outside counts as inside."""

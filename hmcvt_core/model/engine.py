@@ -4,12 +4,11 @@
 import os
 import re
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..files import picture, plain
@@ -52,7 +51,9 @@ _HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """Full-load curve and fuel map of an engine; interpolated linearly, NaN beyond.
+    """Full-load curve and fuel map of an engine; NaN beyond.
+
+    Fuel is interpolated linearly over torque, then over speed at equal torque.
 
     Attributes:
         speed: shape (n,), rising [rad/s].
@@ -81,7 +82,7 @@ class Engine:
         with np.errstate(invalid="ignore"):
             load = asked / self.full_load_torque(speed)
             known = (load >= 0.0) & (load <= 1.0 + 1e-12)
-        fuel = self._surface.ev(speed, np.where(known, load, 0.0))
+        fuel = self._interpolated(speed, np.where(known, asked, 0.0))
         rate = np.where(known, fuel, np.nan)
         return rate if rate.ndim else float(rate)
 
@@ -127,11 +128,32 @@ class Engine:
         positive = np.where(power > 0.0, power, np.nan)
         return np.asarray(_GRAMS_PER_KWH * self.fuel / positive)
 
-    @cached_property
-    def _surface(self) -> Any:
-        from scipy.interpolate import RectBivariateSpline
+    def _interpolated(self, speed: Array, torque: Array) -> Array:
+        """Return fuel between the two speeds of the table next to each point, at equal torque.
 
-        return RectBivariateSpline(self.speed, self.load, self.fuel, kx=1, ky=1)
+        A line of equal load would bend the Willans line of an engine between its speeds.
+
+        Args:
+            speed: any shape [rad/s]; one beyond the table counts as its end.
+            torque: same shape [N m].
+        """
+        within = np.clip(speed, self.speed[0], self.speed[-1])
+        last = len(self.speed) - 2
+        row = np.clip(np.searchsorted(self.speed, within, side="right") - 1, 0, last)
+        below = self._fuel_of_row(row, torque)
+        above = self._fuel_of_row(row + 1, torque)
+        part = (within - self.speed[row]) / (self.speed[row + 1] - self.speed[row])
+        return np.asarray(below + part * (above - below))
+
+    def _fuel_of_row(self, row: NDArray[np.intp], torque: Array) -> Array:
+        """Return fuel at speeds of the table, above full load along the last of its lines."""
+        load = torque / self.full_load[row]
+        last = len(self.load) - 2
+        left = np.clip(np.searchsorted(self.load, load, side="right") - 1, 0, last)
+        width = self.load[left + 1] - self.load[left]
+        part = (load - self.load[left]) / width
+        start = self.fuel[row, left]
+        return np.asarray(start + part * (self.fuel[row, left + 1] - start))
 
 
 def load_engine(path: str | os.PathLike[str]) -> Engine:

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, overload
@@ -22,7 +23,7 @@ from ..physics.effects.base import Effect
 from ..physics.effects.empirical import EmpiricalLoss
 from ..physics.formulation import FORMULATIONS as _FORMULATIONS
 from ..physics.formulation import Formulation, Solver, formulation_named
-from ..physics.single_point import Point
+from ..physics.single_point import PointSolver
 from ..transmission import ranges
 from ..transmission.parameters import (
     PARAMETER_RANGES,
@@ -35,6 +36,7 @@ from ..transmission.stage import Stage, stages_to_mapping
 from .breakdown import Breakdown
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
+from .intervals import LEAST_DEGREES, LEVEL, half_width
 from .measured_unit import MeasuredUnit
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 from .part_checks import require_effects, require_parameters, require_stages
@@ -52,6 +54,14 @@ _SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
 _OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
 _PHYSICS = ("formulation", "transmission", "effects")
 """Keys of a parameter file that the fingerprint covers, in addition to the parameters."""
+_NUMBERS = frozenset(
+    (float, int, np.float64, np.float32, np.int64, np.int32, np.int16, np.int8)
+)
+"""Types of scalars that a lookup takes without arrays."""
+_LARGEST = 1e6
+"""Magnitude beyond every range of an operating point."""
+_FILLED = (0.0, 100.0, 100.0)
+"""Operating point (SI) that stands for a masked one while it is solved."""
 _ERROR_STEP = 1e-3
 """Step of a parameter, in its standard errors: within the linear range, also next to a bound."""
 
@@ -88,6 +98,8 @@ class EfficiencyModel:
             noise and errors of the parameters [-]; 0 where it is not known.
         remainder_deviation: standard deviation of an empirical remainder far from the bumps that
             state it [-]; 0 where there is none.
+        degrees_of_freedom: of the scatter behind the standard errors; None where it is known or
+            stated, so that errors are normal. `interval` and `parameter_intervals` use it.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -105,6 +117,7 @@ class EfficiencyModel:
     units: Mapping[str, MeasuredUnit] = field(default_factory=dict)
     misfit: float = 0.0
     remainder_deviation: float = 0.0
+    degrees_of_freedom: float | None = None
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
@@ -112,6 +125,12 @@ class EfficiencyModel:
         require_effects(self.effects)
         ranges.MISFIT.check(self.misfit)
         ranges.MISFIT.check(self.remainder_deviation, "remainder_deviation")
+        free = self.degrees_of_freedom
+        if free is not None and not free >= LEAST_DEGREES:
+            raise InputError(
+                f"degrees_of_freedom = {free!r}: needs a number of at least "
+                f"{LEAST_DEGREES:g}, or None"
+            )
         self._formulation.require_valid(self.stage, self.effects)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -151,9 +170,18 @@ class EfficiencyModel:
         return self.stages[name]
 
     @cached_property
-    def _at_point(self) -> Callable[[float, float, float], Point] | None:
-        solver = self._solver
-        return solver.at_point if isinstance(solver, BalanceSolver) else None
+    def _point_solvers(self) -> Mapping[str | None, PointSolver]:
+        """What solves single points, by name of the stage; None of a single stage."""
+        solvers: dict[str | None, PointSolver] = {}
+        for name, model in self.stages.items():
+            solver = model._solver
+            at_point = solver.at_point if isinstance(solver, BalanceSolver) else None
+            if at_point is None:
+                continue
+            solvers[name] = at_point
+            if not self.other_stages:
+                solvers[None] = at_point
+        return solvers
 
     @cached_property
     def _solver(self) -> Solver:
@@ -305,6 +333,8 @@ class EfficiencyModel:
         torque = self.without_meters()._answer(
             displacement_ratio, engine_speed, load_torque, oil_temperature, stage
         )[2]
+        if type(torque) is float:
+            return float(engine_speed) * (torque - float(load_torque))  # type: ignore[arg-type]
         return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
 
     def _answer(
@@ -317,26 +347,31 @@ class EfficiencyModel:
     ) -> Sequence[Any]:
         """Efficiency, output speed and engine torque."""
         # A control loop asks for single points at every message, without the cost of arrays.
-        if (
-            oil_temperature is None
-            and stage is None
-            and not self.other_stages
-            and type(displacement_ratio)
-            is type(engine_speed)
-            is type(load_torque)
-            is float
-            and -1.0 <= displacement_ratio <= 1.0
-            and _SLOW <= engine_speed <= _FAST
-            and _OVERRUN <= load_torque <= _PULL
-        ):
-            at_point = self._at_point
+        if oil_temperature is None and (stage is None or type(stage) is str):
+            at_point = self._point_solvers.get(stage)
             if at_point is not None:
-                return at_point(displacement_ratio, engine_speed, load_torque)
+                stroke, speed, load = displacement_ratio, engine_speed, load_torque
+                if not type(stroke) is type(speed) is type(load) is float:
+                    stroke, speed, load = _as_floats(stroke, speed, load)
+                if (
+                    -1.0 <= stroke <= 1.0
+                    and _SLOW <= speed <= _FAST
+                    and _OVERRUN <= load <= _PULL
+                ):
+                    return at_point(stroke, speed, load)
         self._require_stage(stage)
-        points = OperatingPoints.checked(
-            (displacement_ratio, engine_speed, load_torque), oil_temperature, stage
-        )
-        return [_plain(values) for values in self.solution_at(points)]
+        point = (displacement_ratio, engine_speed, load_torque)
+        mask = _mask_of(point, oil_temperature)
+        if mask is not None:
+            point, oil_temperature = _filled(point, oil_temperature)
+        points = OperatingPoints.checked(point, oil_temperature, stage)
+        rows = self.solution_at(points)
+        if mask is not None:
+            return [
+                np.ma.masked_array(values, mask=_spread(mask, values))
+                for values in rows
+            ]
+        return [_plain(values) for values in rows]
 
     def _require_stage(self, stage: ArrayLike | None) -> None:
         if stage is None and self.other_stages:
@@ -360,6 +395,10 @@ class EfficiencyModel:
         """
         point = (displacement_ratio, engine_speed, load_torque)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
+        if type(efficiency) is float and self.correlation is not None:
+            return self._predicted_point(
+                efficiency, slopes, self.correlation, point, stage
+            )
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
@@ -370,6 +409,13 @@ class EfficiencyModel:
         inside = np.zeros(error.shape, dtype=bool)
         if self.domain is not None:
             inside = inside | self.domain.contains(*point)
+        if isinstance(efficiency, np.ma.MaskedArray):
+            mask = np.ma.getmaskarray(efficiency)
+            return Prediction(
+                efficiency,
+                np.ma.masked_array(error, mask=mask),
+                np.ma.masked_array(inside, mask=mask),
+            )
         return Prediction(_plain(efficiency), _plain(error), _plain(inside))
 
     def _remainder_variance(
@@ -390,6 +436,83 @@ class EfficiencyModel:
                 acts = names == effect.stage if effect.stage else True
                 nearest = np.maximum(nearest, acts * effect.closeness(*axes))
         return np.asarray(self.remainder_deviation**2 * (1.0 - nearest**2))
+
+    def _predicted_point(
+        self,
+        efficiency: float,
+        slopes: Array,
+        correlation: Array,
+        point: Sequence[Any],
+        stage: Any,
+    ) -> Prediction:
+        """Return what `predict` returns, for one point."""
+        variance = float(((slopes @ correlation) * slopes).sum())
+        error = math.nan
+        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        if slopes.any():
+            # NaN stays NaN, as of arrays.
+            variance = 0.0 if variance < 0.0 else variance
+            remainder = float(self._remainder_variance(point, stage))
+            error = math.sqrt(variance + self.misfit**2 + remainder)
+        inside = False
+        if self.domain is not None:
+            inside = self.domain.contains_point(*map(float, point))
+        return Prediction(efficiency, error, inside)
+
+    def interval(
+        self,
+        displacement_ratio: ArrayLike,
+        engine_speed: ArrayLike,
+        load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
+        stage: ArrayLike | None = None,
+        *,
+        level: float = LEVEL,
+    ) -> tuple[Any, Any]:
+        """Interval of the efficiency, (low, high), within 0 and 1; NaN where it is not known.
+
+        Its width is Student's t of `degrees_of_freedom` times the standard error of `predict`.
+        Arguments, shapes and errors are those of `efficiency`.
+
+        Args:
+            level: probability that the interval holds the efficiency.
+        """
+        prediction = self.predict(
+            displacement_ratio, engine_speed, load_torque, oil_temperature, stage
+        )
+        return self.interval_of(prediction, level)
+
+    def interval_of(
+        self, prediction: Prediction, level: float = LEVEL
+    ) -> tuple[Any, Any]:
+        """Interval of a prediction that this model made; see `interval`."""
+        half = np.multiply(
+            prediction.standard_error, half_width(self.degrees_of_freedom, level)
+        )
+        low = np.clip(prediction.efficiency - half, 0.0, 1.0)
+        high = np.clip(prediction.efficiency + half, 0.0, 1.0)
+        return _plain(low), _plain(high)
+
+    def parameter_intervals(
+        self, level: float = LEVEL
+    ) -> dict[str, tuple[float, float]]:
+        """Interval of each parameter, (low, high), in its unit; empty where errors are not known.
+
+        None is below 0 or beyond the range of the parameter: at a bound the interval is one-sided.
+
+        Args:
+            level: probability that the interval holds the parameter.
+        """
+        if not self.standard_errors:
+            return {}
+        half = half_width(self.degrees_of_freedom, level)
+        intervals = {}
+        for limits in PARAMETER_RANGES:
+            value = getattr(self.parameters, limits.name)
+            error = half * self.standard_errors[limits.name]
+            low = max(value - error, limits.low)
+            intervals[limits.name] = (low, min(value + error, limits.high))
+        return intervals
 
     def sensitivity(self, *point: Any) -> tuple[Any, Array]:
         """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
@@ -623,6 +746,8 @@ class EfficiencyModel:
         }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
+        if self.degrees_of_freedom is not None:
+            data["degrees_of_freedom"] = float(self.degrees_of_freedom)
         if self.misfit > 0.0:
             data["misfit"] = float(self.misfit)
         if self.remainder_deviation > 0.0:
@@ -693,6 +818,42 @@ class EfficiencyModel:
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())
+
+
+def _as_floats(*point: Any) -> tuple[float, ...]:
+    """Return numbers of Python and NumPy as floats; NaN for anything else."""
+    values = []
+    for value in point:
+        # An integer beyond any float is out of range too.
+        is_number = type(value) in _NUMBERS and abs(value) < _LARGEST
+        values.append(float(value) if is_number else math.nan)
+    return tuple(values)
+
+
+def _mask_of(point: Sequence[Any], oil_temperature: Any) -> Any:
+    """Return which points are masked, or None where no input is a masked array."""
+    mask = None
+    for values in (*point, oil_temperature):
+        if isinstance(values, np.ma.MaskedArray):
+            own = np.ma.getmaskarray(values)
+            mask = own if mask is None else mask | own
+    return mask
+
+
+def _filled(point: Sequence[Any], oil_temperature: Any) -> tuple[Any, Any]:
+    """Return inputs with values in range where they are masked."""
+    filled = []
+    for values, instead in zip(
+        (*point, oil_temperature), (*_FILLED, 50.0), strict=True
+    ):
+        if isinstance(values, np.ma.MaskedArray):
+            values = values.filled(instead)
+        filled.append(values)
+    return tuple(filled[:3]), filled[3]
+
+
+def _spread(mask: Any, values: Array) -> Any:
+    return np.broadcast_to(mask, values.shape)
 
 
 def _plain(values: Any) -> Any:

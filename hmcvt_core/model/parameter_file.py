@@ -4,7 +4,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..files.atomic import free_name, write_atomically
 from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..physics.effects import effect_from_mapping
+from ..physics.effects.base import Effect
 from ..transmission.mapping import Section, number, quantity
 from ..transmission.parameters import (
     PARAMETER_NAMES,
@@ -24,6 +25,7 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
 from .domain import AXES, Domain
+from .intervals import LEAST_DEGREES
 from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
 
@@ -62,6 +64,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
                 "checksum",
                 "formulation",
                 "correlation",
+                "degrees_of_freedom",
                 "misfit",
                 "remainder_deviation",
                 "provenance",
@@ -186,13 +189,16 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         other_stages=tuple(others),
         parameters=HydraulicParameters(*values),
         formulation=str(file.get("formulation")),
-        effects=tuple(
-            effect_from_mapping(item, f"effects[{i}]") for i, item in enumerate(effects)
-        ),
+        effects=_effects(effects, [stage.name, *(item.name for item in others)]),
         standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
         correlation=_correlation(data["correlation"])
         if "correlation" in data
         else None,
+        degrees_of_freedom=(
+            file.number("degrees_of_freedom", low=LEAST_DEGREES)
+            if "degrees_of_freedom" in data
+            else None
+        ),
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
@@ -203,6 +209,20 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
             else 0.0
         ),
     )
+
+
+def _effects(entries: Sequence[object], stages: Sequence[str]) -> tuple[Effect, ...]:
+    """Read the effects of a file, each of which acts in all stages or in one of them."""
+    effects = []
+    for i, entry in enumerate(entries):
+        effect = effect_from_mapping(entry, f"effects[{i}]")
+        if effect.stage and effect.stage not in stages:
+            raise InputError(
+                f"effects[{i}].stage = {effect.stage!r} is none of the stages: "
+                f"{', '.join(stages)}"
+            )
+        effects.append(effect)
+    return tuple(effects)
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

@@ -21,7 +21,11 @@ from .steady_state import SteadyState
 STALLED = "the load cannot be carried: the leakage takes the whole flow of the pump"
 BEYOND_POLE = (
     "the displacement ratio is beyond the pole of eq. (5): the row feeds more flow back to the "
-    "pump than the motor takes, and no speed settles"
+    "pump than the motor takes; not served beyond the pole of eq. (5)"
+)
+HELD_MOTOR = (
+    "the load cannot be carried: friction holds the motor at this displacement ratio, where even "
+    "without load the output stands"
 )
 SELF_LOCKING = (
     "the stage is self-locking: without load no turning output balances its losses"
@@ -153,7 +157,14 @@ class BalanceSolver:
             return BEYOND_POLE
         if self._pump_on_row:
             return self._refusal_on_row(displacement_ratio, load_torque)
-        return STALLED
+        return HELD_MOTOR if self._stands_unloaded(displacement_ratio) else STALLED
+
+    def _stands_unloaded(self, displacement_ratio: float) -> bool:
+        """Whether the output stands even without load, which no leakage under load explains."""
+        # The closed form is in proportion to the engine speed: any speed serves.
+        columns = np.array([[displacement_ratio], [100.0], [0.0]])
+        speed = self.solve(OperatingPoints(*columns)).output_speed
+        return bool((speed == 0.0).all())
 
     def _refusal_on_row(self, displacement_ratio: float, load_torque: float) -> str:
         """Return why an output-coupled stage has no answer at a point before the pole."""

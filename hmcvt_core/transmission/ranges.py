@@ -63,7 +63,7 @@ class Range:
         prefix = f"{where}: " if where else ""
         try:
             array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(
                 f"{prefix}{self.name} = {value!r} is not a number"
             ) from None
@@ -150,6 +150,11 @@ class OperatingPoints(NamedTuple):
         """
         given: list[Any] = []
         for limits, value in zip(_ANY_POINT, point, strict=True):
+            # NumPy would read a text as its number, and True as 1.
+            if np.asarray(value).dtype.kind in "USb":
+                raise InputError(
+                    f"{limits.name} = {value!r} is not a number; allowed {limits}"
+                )
             given.append(limits.check(value))
         temperature = None
         if oil_temperature is not None:

@@ -37,6 +37,7 @@ def test_predict_point(hmcvt, model):
         "refusal": None,
         "inside_domain": True,
         "standard_error": pytest.approx(found.standard_error),
+        "interval_90": pytest.approx(model.interval(*HERE)),
         "output_speed": pytest.approx(model.output_speed(*HERE)),
     }
 

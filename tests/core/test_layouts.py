@@ -134,9 +134,9 @@ def test_balance_closes_at_any_load(name):
         )
     )
     assert (output * speed_ratio(model.stage, stroke))[moving].min() > 0.0
-    if model._at_point is not None:
+    if None in model._point_solvers:
         single = [
-            model._at_point(*point)
+            model._point_solvers[None](*point)
             for point in zip(
                 stroke[:3000].tolist(), speed.tolist(), torque.tolist(), strict=False
             )

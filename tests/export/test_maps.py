@@ -112,3 +112,9 @@ def test_a2l_names_parameters_and_outputs(tmp_path, model, precision):
     offset = {"double": 16, "single": 8}[precision]
     assert f'SYMBOL_LINK "hmcvt_calibration" {offset}' in text
     assert model.fingerprint in text
+    # Six decimals of m3/(s Pa) would show the leakage as 0.
+    (shown,) = re.findall(r'RAT_FUNC "%10.6" "(.*)"\n *COEFFS 0 1 0 0 0 (\S+)', text)
+    assert shown[0] == "cm3/(min bar)"
+    stored = model.parameters.leakage
+    assert float(shown[1]) * stored == pytest.approx(stored * 1e6 * 60.0 * 1e5)
+    assert float(shown[1]) * stored > 1.0

@@ -233,6 +233,8 @@ class Transmission:
             domain=Domain.of(samples),
             units={},
             misfit=0.0,
+            remainder_deviation=0.0,
+            degrees_of_freedom=None,
             provenance={
                 "source": "hmcvt diagnose",
                 "data": os.path.basename(samples.source),

@@ -58,6 +58,7 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
         parameters=parameters,
         standard_errors=errors,
         correlation=np.eye(len(PARAMETER_NAMES)),
+        degrees_of_freedom=None,
         effects=(*of_the_other, *_effects_of_the_pair(model, unit, scale)),
         units=tested,
         provenance={**model.provenance, "source": "hmcvt unit"},

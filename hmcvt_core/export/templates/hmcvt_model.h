@@ -96,6 +96,12 @@ int hmcvt_efficiency_std(const hmcvt_parameters *parameters, int stage,
                          hmcvt_real load_torque, hmcvt_real *out);
 
 /*
+ * Half the width of an interval of 90 % in such standard errors: Student's t with the degrees of
+ * freedom of the identification, 1.645 where its noise is known.
+ */
+extern const hmcvt_real hmcvt_interval_90;
+
+/*
  * Find the displacement ratio of the highest efficiency at a held engine speed.
  *
  * load_torque: ${pull_range}. HMCVT_NO_ANSWER: no displacement ratio carries it.

@@ -1,0 +1,169 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Intervals of parameters and predictions with few tests; fast and refused scalar input."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+import hmcvt_core as hmcvt
+from hmcvt_core.errors import InputError
+from hmcvt_core.files import data_path
+from hmcvt_core.identification.refit import refit
+from hmcvt_core.model.intervals import half_width
+from hmcvt_core.model.parameter_file import load_model, save_model
+
+from .test_speed import times_faster
+
+POINT = (0.5, 146.6, 200.0)
+
+
+@pytest.fixture(scope="module")
+def unstated():
+    """Tests without `efficiency_std`, of a known leakage of 1.5e-11 m3/(s Pa)."""
+    return replace(
+        hmcvt.read_bench(data_path("data/simulated.csv")), efficiency_std=None
+    )
+
+
+@pytest.fixture(scope="module")
+def four(unstated):
+    return hmcvt.identify(unstated.select(np.arange(4)))
+
+
+def test_leakage_at_its_bound_gets_a_wide_error(four):
+    low, high = four.model.parameter_intervals()["leakage"]
+    assert four.parameters.leakage == pytest.approx(1e-13)
+    assert low <= 1.5e-11 <= high
+    assert four.standard_errors["leakage"] > 1e-12
+
+
+def test_intervals_of_four_tests_hold_the_other_tests(four, unstated):
+    others = unstated.select(np.arange(4, len(unstated)))
+    inside = four.model.domain.contains(*others.points[:3])
+    low, high = four.model.interval(*others.points[:3], level=0.95)
+    held = (low <= others.efficiency) & (others.efficiency <= high)
+    assert held[inside].mean() > 0.9
+
+
+def test_interval_is_of_student(four):
+    assert four.model.degrees_of_freedom == 1.0
+    prediction = four.model.predict(*POINT)
+    _, high = four.model.interval(*POINT, level=0.5)
+    expected = student.ppf(0.75, 1.0) * prediction.standard_error
+    assert high - prediction.efficiency == pytest.approx(expected)
+
+
+def test_stated_noise_gives_normal_intervals(unstated):
+    stated = hmcvt.read_bench(data_path("data/simulated.csv"))
+    result = hmcvt.identify(stated.select(np.arange(8)))
+    assert result.model.degrees_of_freedom is None
+    assert half_width(None) == pytest.approx(1.6449, abs=1e-4)
+
+
+def test_file_keeps_degrees_of_freedom(four, tmp_path):
+    save_model(four.model, tmp_path / "m.yaml")
+    assert load_model(tmp_path / "m.yaml").degrees_of_freedom == 1.0
+
+
+def test_exported_c_states_the_half_width(four, tmp_path):
+    hmcvt.export_c(four.model, tmp_path / "c")
+    source = (tmp_path / "c" / "hmcvt_model.c").read_text()
+    (stated,) = re.findall(r"hmcvt_interval_90 = R\((\S+)\);", source)
+    assert float(stated) == half_width(1.0)
+
+
+def test_refit_adds_its_tests_to_the_degrees_of_freedom(four, unstated):
+    refitted = refit(unstated, four.model, four.model)
+    assert refitted.model.degrees_of_freedom > 10.0
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan")])
+def test_degrees_of_freedom_below_one_are_refused(four, wrong):
+    with pytest.raises(InputError, match="degrees_of_freedom"):
+        replace(four.model, degrees_of_freedom=wrong)
+
+
+@pytest.mark.parametrize("wrong", ["0.3", True, ["0.1", "0.2"], np.array([True])])
+def test_texts_and_booleans_are_no_strokes(model, wrong):
+    with pytest.raises(InputError, match="displacement_ratio"):
+        model.efficiency(wrong, 146.6, 200.0)
+
+
+@pytest.mark.parametrize("wrong", [10**400, 2, np.float32(1.5), np.int64(-2)])
+def test_numbers_out_of_range_are_refused(model, wrong):
+    with pytest.raises(InputError, match="displacement_ratio"):
+        model.efficiency(wrong, 146.6, 200.0)
+
+
+@pytest.mark.parametrize("kind", [float, np.float64, np.float32])
+def test_scalar_types_give_the_answer_of_arrays(tractor, kind):
+    point = (kind(0.5), 146, np.int64(200))
+    for name in tractor.stages:
+        array = tractor.power_loss(*(np.array([value]) for value in point), stage=name)
+        assert np.array_equal(
+            tractor.power_loss(*point, stage=name), array[0], equal_nan=True
+        )
+        assert type(tractor.efficiency(*point, stage=name)) is float
+
+
+def test_predict_at_a_point_is_predict_of_arrays(four):
+    at_point = four.model.predict(*POINT)
+    of_arrays = four.model.predict(*(np.array([value]) for value in POINT))
+    assert at_point.efficiency == of_arrays.efficiency[0]
+    assert at_point.standard_error == pytest.approx(
+        of_arrays.standard_error[0], rel=1e-6
+    )
+    assert at_point.inside_domain is bool(of_arrays.inside_domain[0])
+
+
+def test_masked_points_stay_masked(four):
+    strokes = np.ma.masked_array([0.5, 99.0, -0.2], mask=[False, True, False])
+    efficiency = four.model.efficiency(strokes, 146.6, 200.0)
+    assert efficiency.mask.tolist() == [False, True, False]
+    assert efficiency[0] == four.model.efficiency(0.5, 146.6, 200.0)
+    assert four.model.predict(strokes, 146.6, 200.0).standard_error.mask.any()
+    assert four.model.power_loss(strokes, 146.6, 200.0).mask[1]
+
+
+@pytest.fixture(scope="module")
+def tractor():
+    return load_model(data_path("params/tractor.yaml"))
+
+
+@pytest.mark.parametrize(
+    "point",
+    [(0.5, 146, 200), tuple(map(np.float64, POINT)), (np.float32(0.5), 146.6, 200.0)],
+)
+def test_scalars_of_other_types_are_as_fast(tractor, point):
+    alone = tractor.stages["HM3"]
+    ratio = times_faster(
+        lambda: tractor.efficiency(*point, stage="HM3"),
+        lambda: alone.efficiency(*POINT),
+        calls=2000,
+    )
+    # An array would take three hundred times as long.
+    assert ratio > 0.25
+
+
+def test_predict_at_a_point_takes_few_lookups(four):
+    def look_up():
+        for _ in range(20):
+            four.model.efficiency(*POINT)
+
+    ratio = times_faster(lambda: four.model.predict(*POINT), look_up, calls=200)
+    assert ratio > 1.0
+
+
+def test_motor_held_by_friction_is_named():
+    model = load_model(data_path("params/hydrostatic.yaml"))
+    held = replace(
+        model, parameters=replace(model.parameters, leakage=1e-9, motor_damping=5.0)
+    )
+    strokes = np.linspace(-1.0, 1.0, 401)
+    unloaded = held.output_speed(strokes, 100.0, 0.0)
+    standing = strokes[(unloaded == 0.0)]
+    assert standing.size
+    assert "friction holds the motor" in held.refusal(standing[0], 100.0, 200.0)

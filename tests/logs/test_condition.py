@@ -1,0 +1,92 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""An estimate of a machine that is not as identified: cold oil, wear, working hydraulics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cli.running import run
+
+import hmcvt_core as hmcvt
+from hmcvt_core.errors import InputError
+from hmcvt_core.estimation import EstimateSettings
+from hmcvt_core.estimation.condition import moves, outside_identified
+from hmcvt_core.estimation.solving import StageSolver
+from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
+from hmcvt_core.transmission.parameters import HydraulicParameters
+
+SPEED = np.full(40, 150.0)
+OUTPUT = np.linspace(60.0, 200.0, 40)
+TORQUE = np.full(40, 250.0)
+
+
+@pytest.fixture(scope="module")
+def identified():
+    samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
+    return hmcvt.identify(samples.select(np.arange(24))).model
+
+
+@pytest.fixture(scope="module")
+def solved(identified):
+    return StageSolver(identified).solve(SPEED, OUTPUT, TORQUE)
+
+
+def load_of(model, leakage, dampings):
+    """Return the load of a machine whose parameters are multiplied."""
+    values = model.parameters
+    changed = HydraulicParameters(
+        leakage * values.leakage,
+        dampings * values.motor_damping,
+        dampings * values.pump_damping,
+    )
+    changed = replace(model, parameters=changed)
+    return StageSolver(changed).solve(SPEED, OUTPUT, TORQUE).load_torque
+
+
+def test_cold_oil_moves_the_load_to_that_of_the_cold_machine(identified, solved):
+    settings = EstimateSettings(oil_temperature=60.0)
+    cold = np.full(40, 40.0)
+    change = walther_log_viscosity(np.array(40.0)) - walther_log_viscosity(
+        np.array(60.0)
+    )
+    truth = load_of(identified, np.exp(-change), np.exp(change))
+    moved = moves(identified, solved, cold, settings)
+    known = np.isfinite(truth) & np.isfinite(solved.load_torque)
+    assert known.sum() > 20
+    before = np.abs(solved.load_torque - truth)[known]
+    after = np.abs(solved.load_torque + moved.load - truth)[known]
+    assert after.mean() < 0.4 * before.mean()
+    assert (after <= 1.645 * np.abs(moved.oil_deviation[known]) + 1.0).mean() > 0.8
+
+
+def test_wear_covers_a_machine_with_twice_the_leakage(identified, solved):
+    moved = moves(identified, solved, None, EstimateSettings(wear=1.0))
+    truth = load_of(identified, 2.0, 1.0)
+    known = np.isfinite(truth) & np.isfinite(solved.load_torque)
+    missed = np.abs(solved.load_torque + moved.load - truth)[known]
+    assert (missed <= 1.645 * np.abs(moved.wear_deviation[known]) + 0.5).mean() > 0.8
+
+
+def test_nothing_moves_where_nothing_is_stated(identified, solved):
+    moved = moves(identified, solved, np.full(40, 20.0), EstimateSettings())
+    assert not np.any(moved)
+
+
+def test_seconds_outside_count_from_five_degrees():
+    outside = outside_identified(
+        np.array([54.0, 56.0, 64.0, 66.0, np.nan]), (60.0, 60.0)
+    )
+    assert outside.tolist() == [True, False, False, True, False]
+
+
+@pytest.mark.parametrize("text", ["6kW", "6..0kW", "-1..6kW", "0..6 hp"])
+def test_a_range_of_hydraulics_that_is_none_is_refused(tmp_path, text):
+    (tmp_path / "drive.log").write_text("")
+    done = run("estimate", tmp_path / "drive.log", f"--hydraulics={text}")
+    assert done.code == 2
+    assert "hydraulics" in done.err
+
+
+def test_oil_temperature_of_settings_is_checked():
+    with pytest.raises(InputError, match="oil_temperature"):
+        EstimateSettings(oil_temperature=350.0)
