@@ -227,6 +227,7 @@ def model_status(
         "state folder": state or "intact",
         "bench samples logged": len(log.log),
         **log.tally.values("bench samples"),
+        "bench samples repeated": log.repeats,
         "bench samples lost": log.numbers.missing,
         "limits changed": limits or "none",
         **_activity_values(activity),

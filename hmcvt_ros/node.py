@@ -9,7 +9,6 @@ lookup takes a millisecond, and everything longer runs in another process.
 import math
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,7 +26,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from hmcvt_core import (
-    BenchSamples,
     EfficiencyModel,
     HmcvtError,
     InputError,
@@ -57,7 +55,7 @@ from .maps import Maps
 from .model_store import ModelStore
 from .outputs import Outputs, Served
 from .public_text import PublicText
-from .recorder import INVALID, MOST_WAITING, NOT_WRITTEN, Recorder
+from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
 from .state_folder import StateFolder
 
@@ -151,7 +149,6 @@ class EfficiencyNode(Node):
             self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
         self._points = Tally(POINT_REASONS)
-        self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
         self.ticks = 0
         # The callback lives as long as the handle is held.
         self._jumps = self.get_clock().create_jump_callback(
@@ -448,12 +445,9 @@ class EfficiencyNode(Node):
             if self._served.model.other_stages:
                 stage = self._stage_of_sample(message.header.frame_id)
                 sample = replace(sample, extra={"stage": (stage,)})
+            self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
-            return
-        self._log.submit(sample)
-        # The watch has one noise for all samples.
-        self._unwatched.append(replace(sample, efficiency_std=None))
 
     def _stage_of_sample(self, frame: str) -> str:
         """Return the stage of a bench sample: of its `frame_id`, else the one engaged.
@@ -581,7 +575,10 @@ class EfficiencyNode(Node):
 
     def _watch_samples(self) -> None:
         """Give the watch on the gap some of the samples that came."""
-        count = min(len(self._unwatched), WATCHED_AT_ONCE)
-        if count:
-            samples = [self._unwatched.popleft() for _ in range(count)]
+        news = self._log.news
+        samples = []
+        for _ in range(min(len(news), WATCHED_AT_ONCE)):
+            # The watch has one noise for all samples.
+            samples.append(replace(news.popleft(), efficiency_std=None))
+        if samples:
             self._watch.take(joined(samples))

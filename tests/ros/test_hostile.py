@@ -125,7 +125,8 @@ def test_rows_that_are_appended_again(node, base):
         file.writelines(lines[1:])
     node.player.send_sample(message(campaign(base, 9, 1), 8))
     assert node.comes(lambda: node.value("bench samples logged") == "9"), node.status()
-    assert node.reports(DiagnosticStatus.WARN, "8 damaged lines taken out")
+    words = "8 rows stood there more than once and count once"
+    assert node.reports(DiagnosticStatus.WARN, words), node.status()
     assert len(hmcvt.read_bench(node.bench_file)) == 9
 
 

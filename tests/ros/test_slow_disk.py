@@ -216,6 +216,15 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
     assert node.comes(lambda: "1 damaged lines taken out" in node.value("state folder"))
     assert node.status()["level"] == DiagnosticStatus.WARN
 
+    # The same file under its name comes through the same door.
+    node.bench_file.write_bytes(raw)
+    node.set(samples_file=node.bench_file.name)
+    assert "7 samples" in node.player.call("reidentify", 60.0).data["error"]
+    aside = node.state / "bench_samples.cleared-9.csv"
+    aside.write_bytes(raw)
+    node.set(samples_file=aside.name)
+    assert "damaged is line 2" in node.player.call("reidentify", 60.0).data["error"]
+
 
 def test_files_that_are_not_what_was_adopted_are_not_served(
     start_node, paper_file, tmp_path
@@ -230,8 +239,8 @@ def test_files_that_are_not_what_was_adopted_are_not_served(
         "schema: hmcvt-model/1\na: &a [x, x]\nb: [*a, *a]\n"
     )
     (tmp_path / "bench_samples.csv").write_text(
-        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
-        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n"
+        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,"
+        "stated_std,crc,chain\n1.0,0.5,100.0,200.0,0.8,100.0,,00000000,00000000\n"
     )
     node = start_node(paper_file, state=tmp_path)
     assert node.player.hold(GOOD).efficiency == pytest.approx(
