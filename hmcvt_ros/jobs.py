@@ -227,7 +227,7 @@ def diagnose(
         path = next_name(reports, PAGES, PAGE_DATA).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         hmcvt.write_html(diagnosis, path)
-    except (OSError, hmcvt.InputError) as error:
-        # Such as a full disk, or no matplotlib: the answer is worth more than the page.
+    except Exception as error:
+        # Of any kind, such as a full disk or no Jinja2: the answer is worth more than the page.
         return {**answer, "report": None, "report_error": str(error)}
     return {**answer, "report": str(path)}

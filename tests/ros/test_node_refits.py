@@ -6,6 +6,8 @@ import itertools
 import math
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -239,6 +241,26 @@ def test_page_that_cannot_be_written_costs_the_page_only(
     answer = jobs.diagnose(hmcvt.data_path("data/table2.csv"), paper_file, 0, reports)
     assert answer["verdict"] == "within noise" and answer["report"] is None
     assert "reports" in answer["report_error"]
+
+
+def test_diagnosis_answers_without_the_extra_for_pages(paper_file, tmp_path):
+    """In a process that finds neither Jinja2 nor matplotlib, as after `pip install .[ros]`."""
+    script = f"""
+import sys
+for name in ("jinja2", "matplotlib"):
+    sys.modules[name] = None  # an import of it fails
+from pathlib import Path
+from hmcvt_ros import jobs
+bench = Path({str(hmcvt.data_path("data/table2.csv"))!r})
+answer = jobs.diagnose(bench, Path({str(paper_file)!r}), 0, Path({str(tmp_path)!r}))
+assert answer["report"] is None and answer["verdict"], answer
+print(answer["report_error"])
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "jinja2" in ended.stdout
 
 
 def test_a_gap_that_opens_is_told_in_diagnostics(start_node, tmp_path):
