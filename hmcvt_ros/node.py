@@ -10,7 +10,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -102,8 +103,8 @@ class EfficiencyNode(Node):
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
 
-    It runs in any single-threaded executor, together with other nodes. Call `close` before
-    `destroy_node`.
+    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. Call
+    `close` before `destroy_node`.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -122,6 +123,49 @@ class EfficiencyNode(Node):
                 `parameter_overrides`.
         """
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
+        self._resources = ExitStack()
+        try:
+            self._start()
+        except BaseException:
+            self._resources.close()
+            self.destroy_node()
+            raise
+
+    @property
+    def executor(self) -> Executor | None:
+        """The executor that the node belongs to, or None."""
+        return super().executor
+
+    @executor.setter
+    def executor(self, new_executor: Executor | None) -> None:
+        """Enter an executor.
+
+        Raises:
+            InputError: it is not single-threaded. A `MultiThreadedExecutor` would run two callbacks
+                at once, and leaves most inputs unanswered.
+        """
+        if new_executor is not None and not isinstance(
+            new_executor, SingleThreadedExecutor
+        ):
+            new_executor.remove_node(self)
+            raise InputError(
+                f"the node hmcvt does not run in a {type(new_executor).__name__}; add it to a "
+                "SingleThreadedExecutor, with other nodes or alone in a thread"
+            )
+        Node.executor.fset(self, new_executor)
+
+    def close(self) -> bool:
+        """End the threads and the process of the node; False when the disk does not answer.
+
+        Samples that wait for the disk are written first. A second call does nothing.
+        """
+        self._resources.close()
+        return self._written
+
+    # --- set-up -------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        """Take the parameters, lock the state folder, load the model, create the topics."""
         self._inputs = Inputs()
         self._ages = self._clock_of_ages()
         self._settings = parameters.declare(self)
@@ -133,11 +177,14 @@ class EfficiencyNode(Node):
         self._follow_parameters()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
+        self._written = True  # what waited for the disk
         self._state = StateFolder(folder)
+        self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
         self._store = ModelStore(Path(model_file), folder)
         self._activity = Activity()
         self._log = self._recorder(folder)
+        self._resources.callback(self._close_log)
         self._last_output = -math.inf
         self._output_due = False
         self._served = self._store.in_service
@@ -166,6 +213,7 @@ class EfficiencyNode(Node):
             self._lines,
             self._public,
         )
+        self._resources.callback(self._service_handlers.close)
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
             TICK,
@@ -175,15 +223,8 @@ class EfficiencyNode(Node):
         self._announce()
         self._report_start()
 
-    def close(self) -> bool:
-        """End the thread and the process of the node; False when the thread waits for the disk."""
-        self._service_handlers.close()
-        self._maps.close()
-        written = self._log.close()
-        self._state.close()
-        return written
-
-    # --- set-up -------------------------------------------------------------------------------
+    def _close_log(self) -> None:
+        self._written = self._log.close()
 
     def _clock_of_ages(self) -> AgeClock:
         """Return the clock that ages follow; it is chosen at the start for good."""
@@ -248,6 +289,7 @@ class EfficiencyNode(Node):
         self._maps = Maps(
             publisher(Float64MultiArray, "~/efficiency_map", qos.LATCHED).publish
         )
+        self._resources.callback(self._maps.close)
         self._diagnostics_publisher = publisher(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS
         )
