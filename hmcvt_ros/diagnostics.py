@@ -13,7 +13,7 @@ from hmcvt_core import Opening
 
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
-from .parameters import Settings
+from .parameters import Settings, changes
 from .public_text import PublicText
 from .recorder import NOT_WRITTEN, Recorder
 
@@ -181,7 +181,8 @@ def model_status(
     log: Recorder,
     point: OperatingPoint | None,
     refusal: str,
-    limits: str,
+    start: Settings,
+    settings: Settings,
 ) -> DiagnosticStatus:
     """Return the status of the model: which one, how good, and whether it covers the point.
 
@@ -194,9 +195,11 @@ def model_status(
         log: log of the bench samples.
         point: present operating point, None without one.
         refusal: why the model has no answer there; empty when it has.
-        limits: which limits that protect the node were changed; empty when none.
+        start: parameters of the node at its start.
+        settings: present parameters.
     """
     extrapolation = _extrapolation(served, point)
+    changed = changes(start, settings)
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(served)
     complaints = [
@@ -229,10 +232,13 @@ def model_status(
         **log.tally.values("bench samples"),
         "bench samples repeated": log.repeats,
         "bench samples lost": log.numbers.missing,
-        "limits changed": limits or "none",
+        "limits changed": changes(start, settings, limits_only=True) or "none",
+        "parameters changed": changed or "none",
         **_activity_values(activity),
     }
     message = "; ".join(filter(None, complaints)) or f"serving {served.path.name}"
+    if changed:
+        message = f"{message}; parameters changed since the start: {changed}"
     return _status(name, "model", level, message, values, public)
 
 

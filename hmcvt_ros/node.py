@@ -357,7 +357,7 @@ class EfficiencyNode(Node):
         self._settings = parameters.after(before, self)
         if self._settings.engine_speed_limits != before.engine_speed_limits:
             self._want_map()
-        limits = parameters.changed_limits(before, self._settings)
+        limits = parameters.changes(before, self._settings, limits_only=True)
         if limits:
             self._lines.warn("limits", f"limits changed: {limits}")
 
@@ -607,7 +607,8 @@ class EfficiencyNode(Node):
                 self._log,
                 self._point(now),
                 self._outputs.refusal,
-                parameters.changed_limits(self._first_settings, self._settings),
+                self._first_settings,
+                self._settings,
             ),
             gap_status(name, self._public, self._watch.found),
         ]

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from hmcvt_core import EfficiencyModel, Engine
-from hmcvt_core.interface import Controller, Drive, Vehicle
+from hmcvt_core.interface import HOLDS, Controller, Drive, Vehicle
 
 from . import qos
 from .inputs import OperatingPoint
@@ -24,8 +24,10 @@ ADVICE = (
     "optimal_displacement_ratio",
     "optimal_engine_speed",
     "fuel_rate",
+    "hold",
 )
-"""Names in `advice`; the fuel rate is that of the point asked, NaN without an engine."""
+"""Names in `advice`. The fuel rate is that of the point asked, NaN without an engine. `hold` is what
+the optimum holds: the position of `optimum_hold` in `HOLDS`, 0 engine_speed, 1 output_speed."""
 UNKNOWN_STAGE = "unknown"
 """Stage in the `frame_id` of `advice` where the model has several and none of them is engaged."""
 
@@ -176,6 +178,7 @@ class Outputs:
             best.displacement_ratio,
             best.engine_speed,
             fuel_rate,
+            float(HOLDS.index(settings.optimum_hold)),
         ]
 
 

@@ -47,6 +47,10 @@ SHORTEST_TIMEOUT = 0.01
 LONGEST_TIMEOUT = 60.0
 """Limits of the age limits of the inputs [s]."""
 
+SLOWEST_RATE = 1.0
+"""Lowest limit to the rate of the outputs [Hz], that of the diagnostics: below it a limit that
+anyone on the network sets would amount to silence."""
+
 SILENCE = "silence"
 NAN = "nan"
 """What the outputs do where there is no answer."""
@@ -240,8 +244,8 @@ class Settings:
     )
     max_output_rate: float = _parameter(
         0.0,
-        "Limit to the rate of the outputs by the wall clock, the last input is always "
-        "answered; 0 answers every arrival.",
+        "Limit to the rate of the outputs by the wall clock, at least 1 Hz, the last input is "
+        "always answered; 0 answers every arrival.",
         (0.0, 1000.0),
         "Hz",
     )
@@ -360,6 +364,11 @@ class Settings:
             declaration.check(getattr(self, _field(declaration.name)))
         self._check_timeouts()
         self._check_map()
+        if 0.0 < self.max_output_rate < SLOWEST_RATE:
+            raise InputError(
+                f"max_output_rate = {self.max_output_rate:g}; needs 0 for every arrival, or at "
+                f"least {SLOWEST_RATE:g} Hz"
+            )
 
     def _check_timeouts(self) -> None:
         for name, timeout in self.input_timeouts.items():
@@ -495,15 +504,21 @@ def after(settings: Settings, node: Node) -> Settings:
     return replace(current(node), **paths)
 
 
-def changed_limits(start: Settings, now: Settings) -> str:
-    """Return which limits that protect the node differ from those at the start, in words."""
-    changes = []
+def changes(start: Settings, now: Settings, limits_only: bool = False) -> str:
+    """Return which parameters differ from those at the start, in words.
+
+    Args:
+        start: settings at the start.
+        now: present settings.
+        limits_only: whether to look at the limits that protect the node only.
+    """
+    changed = []
     for declaration in PARAMETERS:
         before = getattr(start, _field(declaration.name))
         value = getattr(now, _field(declaration.name))
-        if declaration.protects and value != before:
-            changes.append(f"{declaration.name} {before} -> {value}")
-    return "; ".join(changes)
+        if value != before and (declaration.protects or not limits_only):
+            changed.append(f"{declaration.name} {before} -> {value}")
+    return "; ".join(changed)
 
 
 def _is_nan(value: Any) -> bool:
