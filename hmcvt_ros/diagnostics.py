@@ -21,7 +21,8 @@ LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
     State.COASTING: DiagnosticStatus.OK,
     State.MISSING: DiagnosticStatus.WARN,
-    State.STALE: DiagnosticStatus.STALE,
+    # Also on a machine that is parked; the level STALE is for an aggregator that misses the node.
+    State.STALE: DiagnosticStatus.WARN,
     State.INVALID: DiagnosticStatus.ERROR,
 }
 """Level of `inputs` by the state of an input."""

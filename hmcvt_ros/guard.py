@@ -216,7 +216,6 @@ class Guard:
                 f"busy: more than {ENTRIES_PER_SECOND} entries of requests a second"
             )
 
-
     def _require_known_loggers(self, request: Any) -> None:
         """Refuse levels of loggers that would fill a disk, hide errors or take memory."""
         if not isinstance(request, SetLoggerLevels.Request):

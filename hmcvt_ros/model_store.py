@@ -35,9 +35,6 @@ MOST_VERSIONS = KEPT_FILES // 2
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""
 
-_KEYS_BEFORE_CHECKSUMS = {"base", "base_fingerprint", "in_service"}
-"""Keys of a state that version 0.1 wrote."""
-
 
 class _Version(NamedTuple):
     """A model that was put into service.
@@ -324,17 +321,17 @@ def utc_now() -> str:
 
 
 def _stack_of(state: dict[str, Any]) -> _Stack:
-    """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
+    """Read a state.
+
+    Raises:
+        ValueError: it has no checksum, or another one, or wrong names.
+        KeyError: a key is missing.
+    """
+    if state.pop("checksum", None) != _checksum(state):
+        raise ValueError("its checksum is missing or does not match")
     names = state["in_service"]
-    accepted = [False] * len(names)
-    if set(state) == _KEYS_BEFORE_CHECKSUMS:
-        fingerprints = [""] * len(names)
-    elif state.pop("checksum") == _checksum(state):
-        fingerprints = state["fingerprints"]
-        # Version 0.2 did not write who decided.
-        accepted = state.get("accepted", accepted)
-    else:
-        raise ValueError("checksum does not match")
+    fingerprints = state["fingerprints"]
+    accepted = state["accepted"]
     if any(Path(name).name != name for name in names):
         raise ValueError("names are no file names")
     return [

@@ -119,7 +119,7 @@ def test_flipped_bits_change_no_value_silently(path):
 def test_log_of_an_earlier_version_is_taken_over(path):
     filled(path, 3)
     new = path.read_bytes()
-    rows = [row.split(",")[1:7] + ["0.01"] for row in values(path)]
+    rows = [[*row.split(",")[1:7], "0.01"] for row in values(path)]
     header = "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed"
     lines = [f"{header},stated_std,crc,chain"]
     for cells in rows:
