@@ -39,7 +39,7 @@ from hmcvt_core.interface import LOAD_TORQUE, joined, load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
-from .clocks import AgeClock, SimulatedClock, SteadyClock
+from .clocks import CLOCK_TOPIC, AgeClock, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
 from .guard import Guard, Log
@@ -58,7 +58,7 @@ from .outputs import Outputs, Served
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
-from .state_folder import StateFolder
+from .state_folder import StateFolder, working_directory_trouble
 
 TICK = 0.1
 """Period of the timer [s]."""
@@ -171,7 +171,7 @@ class EfficiencyNode(Node):
         self._settings = parameters.declare(self)
         self._first_settings = self._settings
         folder = self._state_path()
-        self._public = PublicText(folder)
+        self._public = PublicText(folder, parameters.files(self._settings))
         self._lines = Log(self, self._public)
         self.guard = Guard(self, self._lines)
         self._follow_parameters()
@@ -214,6 +214,7 @@ class EfficiencyNode(Node):
             self._public,
         )
         self._resources.callback(self._service_handlers.close)
+        self._require_distinct_topics()
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
             TICK,
@@ -263,7 +264,9 @@ class EfficiencyNode(Node):
             stages=bool(self._store.in_service.model.other_stages),
         )
         recorder = Recorder(
-            log, lambda text: self.guard.warn("bench_sample", text), self._state.gone
+            log,
+            lambda text: self.guard.warn("bench_sample", text),
+            lambda: self._state.trouble() or working_directory_trouble(),
         )
         if not self._state.writable:
             recorder.tally.expect(NOT_WRITTEN, self._state.complaint)
@@ -315,6 +318,21 @@ class EfficiencyNode(Node):
             "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
         )
 
+    def _require_distinct_topics(self) -> None:
+        """Refuse remappings by which the node would answer itself, or take one input for two.
+
+        Raises:
+            InputError: two of its topics have the same name.
+        """
+        used = [publisher.topic_name for publisher in self.publishers]
+        used += [subscription.topic_name for subscription in self.subscriptions]
+        for name in used:
+            if used.count(name) > 1:
+                raise InputError(
+                    f"{name} is the name of {used.count(name)} topics of the node, which would "
+                    "answer itself or take one message for two; remap each to another name"
+                )
+
     def _subscribe_raw(
         self, topic: str, callback: Callable[..., None], profile: Any, events: Any
     ) -> None:
@@ -328,12 +346,33 @@ class EfficiencyNode(Node):
             event_callbacks=events,
         )
 
+    def _graph_warnings(self) -> list[str]:
+        """Return what the peers of the node show to be wrong."""
+        warnings = []
+        for name, item in self._inputs.by_name.items():
+            publishers = self.count_publishers(self.resolve_topic_name(name))
+            if item.stamp is None and publishers:
+                warnings.append(
+                    f"{name}: nothing comes from {publishers} publisher(s); does their quality of "
+                    "service fit that of qos_overrides?"
+                )
+        if self.get_parameter("use_sim_time").value:
+            clocks = self.count_publishers(self.resolve_topic_name(CLOCK_TOPIC))
+            if clocks > 1:
+                warnings.append(
+                    f"{clocks} publishers on {CLOCK_TOPIC}: time may jump to and fro"
+                )
+        return warnings
+
     def _report_start(self) -> None:
         # ROS ignores misspelt names without a warning.
-        for name in sorted(self._parameter_overrides):
-            if not self.has_parameter(name):
-                self._lines.warning(f"parameter {name} is unknown and has no effect")
+        self._unknown_parameters = [
+            f"parameter {name} is unknown and has no effect"
+            for name in sorted(self._parameter_overrides)
+            if not self.has_parameter(name)
+        ]
         for complaint in (
+            *self._unknown_parameters,
             self._state.complaint,
             self._store.complaint,
             self._log.complaint,
@@ -575,7 +614,12 @@ class EfficiencyNode(Node):
         self._watch_samples()
         name = self.get_fully_qualified_name().strip("/")
         now = self._ages.now()
-        warnings = [self._ages.complaint, self._inputs.apart_reason]
+        warnings = [
+            self._ages.complaint,
+            self._inputs.apart_reason,
+            *self._unknown_parameters,
+            *self._graph_warnings(),
+        ]
         if self._engaged() is None:
             warnings.append(self._without_stage())
         counts = {

@@ -26,8 +26,8 @@ ADVICE = (
     "fuel_rate",
     "hold",
 )
-"""Names in `advice`. The fuel rate is that of the point asked, NaN without an engine. `hold` is what
-the optimum holds: the position of `optimum_hold` in `HOLDS`, 0 engine_speed, 1 output_speed."""
+"""Names in `advice`. The fuel rate is that of the point asked, NaN without an engine. `hold` is the
+position of `optimum_hold` in `HOLDS`: 0 engine_speed, 1 output_speed."""
 UNKNOWN_STAGE = "unknown"
 """Stage in the `frame_id` of `advice` where the model has several and none of them is engaged."""
 

@@ -480,7 +480,7 @@ def declare(node: Node) -> Settings:
             node._parameter_overrides[name] = Parameter(name, value=NAN)
         if declaration.is_path and isinstance(given, str) and given:
             # Everyone on the network can read parameters.
-            paths[name] = given
+            paths[name] = _expanded(name, given)
             node._parameter_overrides[name] = Parameter(name, value=Path(given).name)
         try:
             descriptor = declaration.descriptor(limits_at_run_time)
@@ -494,6 +494,20 @@ def declare(node: Node) -> Settings:
     return replace(current(node), **paths)
 
 
+def _expanded(name: str, path: str) -> str:
+    """Return a path with the home folder in place of `~`, which a shell leaves after `:=`.
+
+    Raises:
+        InputError: there is no such home folder.
+    """
+    try:
+        return str(Path(path).expanduser()) if path.startswith("~") else path
+    except RuntimeError:
+        raise InputError(
+            f"parameter {name} = {path!r}: ~ names no home folder"
+        ) from None
+
+
 def after(settings: Settings, node: Node) -> Settings:
     """Return the settings that a node holds after changes to some; files stay."""
     paths = {
@@ -502,6 +516,16 @@ def after(settings: Settings, node: Node) -> Settings:
         if declaration.is_path
     }
     return replace(current(node), **paths)
+
+
+def files(settings: Settings) -> list[str]:
+    """Return the paths that the settings name."""
+    paths = [
+        getattr(settings, declaration.name)
+        for declaration in PARAMETERS
+        if declaration.is_path
+    ]
+    return [path for path in paths if path]
 
 
 def changes(start: Settings, now: Settings, limits_only: bool = False) -> str:

@@ -38,7 +38,7 @@ class StateFolder:
     Attributes:
         path: path of the folder.
         writable: whether anything can be kept in it, as far as can be seen at the start.
-        complaint: what is wrong with it, as a sentence; empty when nothing.
+        complaint: what is wrong with it at the start, as a sentence; empty when nothing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,6 +50,7 @@ class StateFolder:
         self.path = path
         self.writable = False
         self.complaint = ""
+        self._unlocked = ""
         self._handle: int | None = None
         try:
             make_folder(path)
@@ -70,16 +71,17 @@ class StateFolder:
                 if folder.is_dir() and not folder.is_symlink():
                     remove_leftovers(folder)
 
-    def gone(self) -> str:
-        """Return a complaint if the folder was removed or replaced; empty otherwise.
+    def trouble(self) -> str:
+        """Return what is wrong with the folder now; empty when nothing.
 
-        Another node may lock the folder that took its name.
+        It was removed or replaced, so that another node may lock the one that took its name; or it
+        cannot be locked.
         """
         with contextlib.suppress(OSError):
             if self._handle is None or os.path.samestat(
                 os.fstat(self._handle), self.path.lstat()
             ):
-                return ""
+                return self._unlocked
         return (
             f"state_folder: {self.path} was removed or replaced; start the node again"
         )
@@ -101,10 +103,11 @@ class StateFolder:
             ) from None
         except OSError as error:
             # Some network file systems cannot lock; that is no reason not to serve.
-            self.complaint = (
+            self._unlocked = (
                 f"state_folder: {self.path} cannot be locked ({error.strerror}); "
                 "make sure that no other node uses it"
             )
+            self.complaint = self._unlocked
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,18 @@ MODELS = Series(r"\d{4,}\.yaml", (b"schema: hmcvt-model/", b"source: hmcvt refit
 PAGES = Series(r"\d{4,}\.html", (b"<!DOCTYPE html>",))
 PAGE_DATA = Series(r"\d{4,}\.json", (b'"verdict":',))
 """Pages of diagnoses and their data, in `reports`."""
+
+
+def working_directory_trouble() -> str:
+    """Return what is wrong with the working directory; empty when nothing."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return (
+            "the working directory was removed: files with relative names and the processes of "
+            "refits and diagnoses cannot be found; start the node in another one"
+        )
+    return ""
 
 
 def require_no_link(path: Path) -> None:

@@ -243,6 +243,24 @@ def test_page_that_cannot_be_written_costs_the_page_only(
     assert "reports" in answer["report_error"]
 
 
+def test_samples_of_a_bag_that_is_played_again_count_once(start_node, tmp_path):
+    path, model = tmp_path / "p.yaml", well_known()
+    hmcvt.save_model(model, path)
+    node = start_node(path, bench_noise=NOISE)
+    samples = stream(model, 0, "charge_pump", 0.0, samples=12)
+    for _ in range(8):
+        for i in range(len(samples)):
+            sent = message(samples, i)
+            sent.header.stamp.sec = 100 + i
+            node.player.send_sample(sent)
+        node.player.spin_for(0.1)
+    assert node.comes(lambda: node.value("bench samples repeated") == "84", 20.0)
+    assert node.value("bench samples logged") == "12" == node.value("samples", "gap")
+    assert node.status("gap")["level"] == DiagnosticStatus.OK
+    assert node.status()["level"] == DiagnosticStatus.OK, node.status()
+    assert node.says("were logged before, with the same stamp and values")
+
+
 def test_diagnosis_answers_without_the_extra_for_pages(paper_file, tmp_path):
     """In a process that finds neither Jinja2 nor matplotlib, as after `pip install .[ros]`."""
     script = f"""
