@@ -64,11 +64,11 @@ class Written(NamedTuple):
     """What became of rows.
 
     Attributes:
-        count: rows that are on disk.
+        logged: count of rows that are on disk.
         repeats: positions of the rows that had been logged before.
     """
 
-    count: int
+    logged: int
     repeats: frozenset[int]
 
 

@@ -131,7 +131,7 @@ def inputs_status(
     inputs: Inputs,
     now: int,
     settings: Settings,
-    counts: Mapping[str, int],
+    counts: Mapping[str, Any],
     warnings: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst of the three and the last operating point.
@@ -142,7 +142,7 @@ def inputs_status(
         inputs: the three inputs.
         now: time by the clock of the ages [ns].
         settings: parameters of the node.
-        counts: counts of what was answered and refused.
+        counts: counts of what was answered and refused, and the oil temperature.
         warnings: complaints that make the level at least WARN.
     """
     values: dict[str, Any] = {}

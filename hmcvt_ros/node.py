@@ -6,6 +6,7 @@ It computes nothing itself: it takes messages, checks ages and ranges, asks the 
 lookup takes a millisecond, and everything longer runs in another process.
 """
 
+import itertools
 import math
 import os
 import time
@@ -27,6 +28,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 
 from hmcvt_core import (
+    BenchSamples,
     EfficiencyModel,
     HmcvtError,
     InputError,
@@ -35,7 +37,7 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.interface import LOAD_TORQUE, joined, load_vehicle
+from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined, load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
@@ -54,7 +56,7 @@ from .inputs import (
 )
 from .maps import Maps
 from .model_store import ModelStore
-from .outputs import Outputs, Served
+from .outputs import ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
@@ -94,12 +96,18 @@ def _invalid_point() -> Iterator[None]:
         raise _PointError(POINT_INVALID, State.INVALID, str(error)) from None
 
 
+def _columns(samples: BenchSamples) -> tuple[str, ...]:
+    """Return the names of the columns that samples have."""
+    return (*samples.columns, *samples.extra)
+
+
 class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
-    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
-    `stage`, `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
-    `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`, `~/model`, `~/efficiency_map`,
+    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-],
+    `oil_temperature` [deg C], `operating_point`, `stage`, `bench_sample`; outputs `efficiency` [-],
+    `optimal_displacement_ratio` [-], `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`,
+    `~/model`, `~/efficiency_map`,
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
 
@@ -305,6 +313,13 @@ class EfficiencyNode(Node):
                 event_callbacks=no_events,
             )
         self.create_subscription(
+            Float64,
+            OIL_TEMPERATURE.name,
+            self.guard.callback(self._on_oil_temperature),
+            **qos.overridable(qos.INPUT),
+            event_callbacks=no_events,
+        )
+        self.create_subscription(
             String,
             "stage",
             self.guard.callback(self._on_stage),
@@ -459,7 +474,7 @@ class EfficiencyNode(Node):
         point = self._point(now)
         served = self._engaged()
         if point is not None and served is not None:
-            self._outputs.answer(served, point, self._settings)
+            self._outputs.answer(served, point, self._settings, self._oil(now))
             if self._outputs.refusal:
                 self.guard.warn("no answer", self._outputs.refusal)
         else:
@@ -471,15 +486,36 @@ class EfficiencyNode(Node):
         if rate > 0.0:
             self._last_output = time.monotonic()
 
+    def _oil(self, now: int) -> float | None:
+        """Return the oil temperature [deg C]; None where it is unknown or does not matter."""
+        if not self._needs_oil():
+            return None
+        return self._inputs.oil_temperature(now, self._settings.oil_age_limit)
+
+    def _needs_oil(self) -> bool:
+        served = self._engaged()
+        return served is not None and depends_on_oil(served.model)
+
+    def _on_oil_temperature(self, message: Float64, info: Mapping[str, int]) -> None:
+        arrival = self._ages.arrival(info["received_timestamp"])
+        oil = self._inputs.oil
+        if not oil.take(message.data, arrival):
+            self.guard.warn("oil_temperature", oil.tally.complaint)
+
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         arrival = self._ages.arrival(info["received_timestamp"])
         age = (arrival.now - arrival.received) * NANOSECONDS
         message = JointState()
         point = None
+        oil = self._oil(arrival.now)
         try:
             with _invalid_point():
                 message = messages.joint_state(raw)
                 point = messages.point_from_message(message, self._points)
+                stated = messages.oil_temperature_of(message)
+                if stated is not None:
+                    self._inputs.oil.take(stated, arrival)
+                    oil = stated if self._needs_oil() else None
             self._require_answerable(age)
         except _PointError as error:
             point = None
@@ -502,6 +538,7 @@ class EfficiencyNode(Node):
             point,
             self._settings,
             stage_known=served is not None,
+            oil_temperature=oil,
         )
 
     def _require_answerable(self, age: float) -> None:
@@ -522,10 +559,15 @@ class EfficiencyNode(Node):
         try:
             message = messages.joint_state(raw)
             now = self.get_clock().now().nanoseconds * NANOSECONDS
-            sample = messages.bench_sample_from_message(message, now, self._log.tally)
+            oil = self._inputs.oil_temperature(
+                self._ages.now(), self._settings.oil_age_limit
+            )
+            sample = messages.bench_sample_from_message(
+                message, now, self._log.tally, oil
+            )
             if self._served.model.other_stages:
                 stage = self._stage_of_sample(message.header.frame_id)
-                sample = replace(sample, extra={"stage": (stage,)})
+                sample = replace(sample, extra={**sample.extra, "stage": (stage,)})
             self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
@@ -622,11 +664,17 @@ class EfficiencyNode(Node):
         ]
         if self._engaged() is None:
             warnings.append(self._without_stage())
+        if self._needs_oil() and self._oil(now) is None:
+            warnings.append(
+                "oil_temperature: unknown, and the model depends on it; answers are for "
+                f"{ASSUMED_OIL:g} deg C"
+            )
         counts = {
             "points answered": self._outputs.answered,
             "points not answered, coasting": self._inputs.coasting,
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
+            "oil temperature [deg C]": self._oil_in_words(now),
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
             "requests contained": self.guard.contained,
         }
@@ -660,6 +708,10 @@ class EfficiencyNode(Node):
         self._inputs.apart_reason = ""
         self._inputs.asked = None
 
+    def _oil_in_words(self, now: int) -> str:
+        oil = self._inputs.oil_temperature(now, self._settings.oil_age_limit)
+        return "unknown" if oil is None else f"{oil:.1f}"
+
     def _watch_samples(self) -> None:
         """Give the watch on the gap some of the samples that came."""
         news = self._log.news
@@ -667,5 +719,5 @@ class EfficiencyNode(Node):
         for _ in range(min(len(news), WATCHED_AT_ONCE)):
             # The watch has one noise for all samples.
             samples.append(replace(news.popleft(), efficiency_std=None))
-        if samples:
-            self._watch.take(joined(samples))
+        for _, alike in itertools.groupby(samples, _columns):
+            self._watch.take(joined(list(alike)))

@@ -228,6 +228,13 @@ class Settings:
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
+    oil_temperature_timeout: float = _parameter(
+        30.0,
+        "Age at which oil_temperature is stale and counts as unknown.",
+        (SHORTEST_TIMEOUT, 3600.0),
+        "s",
+        protects=True,
+    )
     max_input_skew: float = _parameter(
         0.0,
         "Time between the oldest and the newest of the three inputs beyond which there is no "
@@ -408,6 +415,11 @@ class Settings:
             or self.input_timeout
             for limits in INPUT_RANGES
         }
+
+    @cached_property
+    def oil_age_limit(self) -> int:
+        """Age limit of the oil temperature [ns]."""
+        return _nanoseconds(self.oil_temperature_timeout)
 
     @cached_property
     def age_limits(self) -> AgeLimits:

@@ -41,7 +41,7 @@ class PublicText:
         """
         home = os.path.expanduser("~")
         paths = [folder, Path(home), *map(Path, files)]
-        folders = set()
+        folders = set[str]()
         for path in paths:
             for form in (path.absolute(), path.resolve()):
                 folders.update(f"{each}/" for each in (form, *form.parents))

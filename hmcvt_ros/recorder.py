@@ -164,9 +164,9 @@ class Recorder:
                 f"bench_sample: {len(written.repeats)} were logged before, with the same stamp "
                 "and values, and count once"
             )
-        if written.count:
-            self.tally.accept(written.count)
-        refused = len(rows) - written.count - len(written.repeats)
+        if written.logged:
+            self.tally.accept(written.logged)
+        refused = len(rows) - written.logged - len(written.repeats)
         if refused:
             self._refuse(FULL, self.log.full, refused)
 

@@ -58,7 +58,7 @@ def test_full_log_refuses_and_set_aside_makes_room(path):
     log = BenchLog(path, limit=2)
     log.write(rows_of(sample(0)))
     log.write(rows_of(sample(1)))
-    assert log.write(rows_of(sample(2))).count == 0
+    assert log.write(rows_of(sample(2))).logged == 0
     assert "2 samples and takes no more" in log.full
     count, kept = log.set_aside()
     assert count == 2 and len(hmcvt.read_bench(kept)) == 2
