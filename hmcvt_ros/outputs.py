@@ -238,7 +238,7 @@ def _std_of_unknown_oil(model: EfficiencyModel, point: OperatingPoint) -> float:
     for step in (-UNKNOWN_OIL_RANGE, UNKNOWN_OIL_RANGE):
         changed = model.efficiency(*point, ASSUMED_OIL + step)
         changes.append(abs(changed - assumed))
-    return max(changes) / _QUANTILE
+    return float(np.max(changes)) / _QUANTILE  # NaN where one has no answer
 
 
 def _question(served: Served, point: OperatingPoint, settings: Settings) -> _Question:
