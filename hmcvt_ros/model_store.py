@@ -9,10 +9,8 @@ the one after in service. It has a checksum and names the fingerprints of the mo
 is not what was put into service is not served, and the one before it is.
 """
 
-import contextlib
 import hashlib
 import json
-import time
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -23,8 +21,9 @@ from hmcvt_core.interface import write_atomically
 
 from .state_folder import (
     KEPT_FILES,
-    KEPT_FOR,
+    KEPT_STARTS,
     MODELS,
+    is_old,
     next_name,
     require_no_link,
 )
@@ -199,19 +198,18 @@ class ModelStore:
         """Return the models put into service, with room for one more.
 
         Raises:
-            HmcvtError: there are too many of the last days.
+            HmcvtError: there are too many of the last starts.
         """
         stack = list(self._stack)
         if len(stack) < MOST_VERSIONS:
             return stack
         # The first one is the reference of the drift.
         oldest = self._models / stack[1].name
-        with contextlib.suppress(OSError):
-            if time.time() - oldest.stat().st_mtime < KEPT_FOR:
-                raise HmcvtError(
-                    f"{len(stack)} models were put into service within "
-                    f"{KEPT_FOR / 86_400.0:.0f} days; call ~/revert before another one"
-                )
+        if oldest.exists() and not is_old(oldest):
+            raise HmcvtError(
+                f"{len(stack)} models were put into service within {KEPT_STARTS} starts; "
+                "call ~/revert before another one"
+            )
         del stack[1]
         return stack
 

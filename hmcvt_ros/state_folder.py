@@ -8,18 +8,28 @@ node follows no link in it, and it removes only files that it wrote itself, by n
 import contextlib
 import errno
 import fcntl
+import json
 import os
 import re
-import time
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from hmcvt_core import InputError
-from hmcvt_core.interface import make_folder, numbered, remove_leftovers
+from hmcvt_core.interface import (
+    make_folder,
+    numbered,
+    remove_leftovers,
+    write_atomically,
+)
 
-KEPT_FOR = 30 * 86_400.0
-"""Age up to which nothing that was written is removed [s]; chosen by us."""
+KEPT_STARTS = 30
+"""Starts of the node within which nothing that was written is removed; chosen by us. Ages count in
+starts, because the clock of a machine may be wrong by years."""
+_STARTS = "starts.json"
+"""File with the highest numbers of the files that each of the last starts found."""
+_NUMBERED = re.compile(r"(.*?)(\d+)[.]\w+")
+"""Name of a numbered file: what it begins with, and its number."""
 KEPT_FILES = 1000
 KEPT_BYTES = 100 << 20
 """Files of one kind beyond which the oldest are removed, or no more are written."""
@@ -70,6 +80,7 @@ class StateFolder:
             for folder in path.iterdir():
                 if folder.is_dir() and not folder.is_symlink():
                     remove_leftovers(folder)
+            self._count_start()
 
     def trouble(self) -> str:
         """Return what is wrong with the folder now; empty when nothing.
@@ -91,6 +102,15 @@ class StateFolder:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+
+    def _count_start(self) -> None:
+        """Note which files are there at this start, so that their ages can be counted."""
+        # Without it all files count as recent, and nothing is removed.
+        with contextlib.suppress(OSError):
+            require_no_link(self.path / _STARTS)
+            starts = [*_starts(self.path), _highest_numbers(self.path)]
+            text = json.dumps(starts[-KEPT_STARTS - 1 :])
+            write_atomically(self.path / _STARTS, f"{text}\n")
 
     def _lock(self, handle: int) -> None:
         try:
@@ -189,10 +209,54 @@ def next_name(
     return folder / f"{number:04d}"
 
 
+def is_old(path: Path) -> bool:
+    """Whether a numbered file of a state folder was there `KEPT_STARTS` starts ago."""
+    match = _NUMBERED.fullmatch(path.name)
+    if match is None:
+        return False
+    folder = path.parent
+    root = folder if (folder / _STARTS).is_file() else folder.parent
+    starts = _starts(root)
+    if len(starts) <= KEPT_STARTS:
+        return False
+    key = f"{folder.relative_to(root)}/{match[1]}"
+    return int(match[2]) <= starts[-KEPT_STARTS - 1].get(key, 0)
+
+
+def _highest_numbers(root: Path) -> dict[str, int]:
+    """Return the highest number of the files in a state folder, by the beginnings of their paths."""
+    folders = [root]
+    for path in root.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            folders.append(path)
+    highest: dict[str, int] = {}
+    for folder in folders:
+        for path in folder.iterdir():
+            match = _NUMBERED.fullmatch(path.name)
+            if match:
+                key = f"{folder.relative_to(root)}/{match[1]}"
+                highest[key] = max(highest.get(key, 0), int(match[2]))
+    return highest
+
+
+def _starts(root: Path) -> list[dict[str, int]]:
+    """Return the highest numbers that each of the last starts found; empty where not known."""
+    try:
+        starts = json.loads((root / _STARTS).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return []
+    intact = isinstance(starts, list) and all(
+        isinstance(start, dict)
+        and all(isinstance(number, int) for number in start.values())
+        for start in starts
+    )
+    return starts if intact else []
+
+
 def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> None:
     """Remove the oldest files of a series while they are too many or too large.
 
-    Only files older than `KEPT_FOR` are removed: a flood of requests must not push out what was
+    Only files that are old are removed (`is_old`): a flood of requests must not push out what was
     written before it.
 
     Raises:
@@ -202,14 +266,14 @@ def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> Non
     for entry in os.scandir(folder):
         if entry.is_file(follow_symlinks=False) and series.has(entry.name):
             files.append((entry.stat(follow_symlinks=False), Path(entry.path)))
-    files.sort(key=lambda file: file[0].st_mtime)
+    # By number, of which names of a series have one; the clock may have been wrong.
+    files.sort(key=lambda file: (len(file[1].name), file[1].name))
     count = len(files)
     size = sum(max(status.st_size, _BLOCK) for status, _ in files)
-    oldest_kept = time.time() - KEPT_FOR
     for status, path in files:
         if count < KEPT_FILES and size < KEPT_BYTES:
             return
-        if status.st_mtime > oldest_kept:
+        if not is_old(path):
             break
         if path.name in spared or not series.wrote(path):
             continue
@@ -220,6 +284,6 @@ def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> Non
         raise OSError(
             errno.ENOSPC,
             f"holds {count} files like it, {size >> 20} MiB, and removes none of the last "
-            f"{KEPT_FOR / 86_400.0:.0f} days; remove some by hand",
+            f"{KEPT_STARTS} starts; remove some by hand",
             str(folder),
         )
