@@ -261,5 +261,8 @@ def diagnose(
         hmcvt.write_html(diagnosis, path)
     except Exception as error:
         # Of any kind, such as a full disk or no Jinja2: the answer is worth more than the page.
-        return {**answer, "report": None, "report_error": str(error)}
+        reason = str(error)
+        if isinstance(error, ImportError):
+            reason = f'{reason}: the page needs pip install ".[report]"'
+        return {**answer, "report": None, "report_error": reason}
     return {**answer, "report": str(path)}

@@ -25,6 +25,7 @@ from .state_folder import (
     MODELS,
     is_old,
     next_name,
+    read_small,
     require_no_link,
 )
 
@@ -261,7 +262,7 @@ class ModelStore:
     def _resumed(self) -> _Stack:
         """Return the models of an earlier run; none, with a complaint, if they are of no use."""
         try:
-            state = json.loads(self._state.read_text(encoding="utf-8"))
+            state = json.loads(read_small(self._state))
             stack = _stack_of(state)
         except FileNotFoundError:
             return []

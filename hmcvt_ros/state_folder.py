@@ -33,6 +33,8 @@ _NUMBERED = re.compile(r"(.*?)(\d+)[.]\w+")
 KEPT_FILES = 1000
 KEPT_BYTES = 100 << 20
 """Files of one kind beyond which the oldest are removed, or no more are written."""
+_STATE_BYTES = 1 << 20
+"""Largest size of a file that keeps the state; 500 versions take 60 kB."""
 _BLOCK = 4096
 """Space that a small file takes on a disk [bytes]."""
 _MARK_WITHIN = 65_536
@@ -172,6 +174,19 @@ def working_directory_trouble() -> str:
     return ""
 
 
+def read_small(path: Path) -> str:
+    """Return the text of a file that the node wrote to keep its state.
+
+    Raises:
+        ValueError: it is much longer than the node writes it, or no text.
+        OSError: it cannot be read.
+    """
+    size = path.stat().st_size
+    if size > _STATE_BYTES:
+        raise ValueError(f"{size} bytes; allowed are {_STATE_BYTES}")
+    return path.read_text(encoding="utf-8")
+
+
 def require_no_link(path: Path) -> None:
     """Refuse a link where a folder or file of the node should be.
 
@@ -224,7 +239,7 @@ def is_old(path: Path) -> bool:
 
 
 def _highest_numbers(root: Path) -> dict[str, int]:
-    """Return the highest number of the files in a state folder, by the beginnings of their paths."""
+    """Return the highest numbers of files in a state folder, by the beginnings of paths."""
     folders = [root]
     for path in root.iterdir():
         if path.is_dir() and not path.is_symlink():
@@ -242,7 +257,7 @@ def _highest_numbers(root: Path) -> dict[str, int]:
 def _starts(root: Path) -> list[dict[str, int]]:
     """Return the highest numbers that each of the last starts found; empty where not known."""
     try:
-        starts = json.loads((root / _STARTS).read_text(encoding="utf-8"))
+        starts = json.loads(read_small(root / _STARTS))
     except (OSError, ValueError, RecursionError):
         return []
     intact = isinstance(starts, list) and all(

@@ -8,6 +8,7 @@ each once and in order, and the message must name the rest.
 """
 
 import re
+import resource
 import sys
 import tempfile
 import time
@@ -127,7 +128,11 @@ def main() -> int:
         seconds, problems = trial(Path(folder) / "log.csv", rows, edits, seed=0)
     for problem in problems:
         print(problem)
-    print(f"{edits} edits of {rows} rows: longest repair {seconds:.2f} s")
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(
+        f"{edits} edits of {rows} rows: longest repair {seconds:.2f} s, "
+        f"at most {memory:.0f} MiB, {len(problems)} problems"
+    )
     return 1 if problems else 0
 
 

@@ -98,6 +98,12 @@ def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):
     assert told > 0.9 * len(whole) / 3
 
 
+def test_huge_state_is_not_read(paper_file, tmp_path):
+    with (tmp_path / "in_service.json").open("wb") as file:
+        file.truncate(1 << 40)  # a sparse file of 1 TB
+    assert "allowed are 1048576" in ModelStore(paper_file, tmp_path).complaint
+
+
 @pytest.mark.parametrize("key", ["checksum", "accepted", "fingerprints"])
 def test_state_without_its_checksum_is_not_taken_up_silently(
     paper_file, base, tmp_path, key
