@@ -1,27 +1,23 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The log of bench samples: a CSV that loses nothing and can be read at any moment.
 
-A sample is on disk when `write` returns. Every row has two checksums: `crc` covers the row itself,
-and `chain` covers the row and the chain of the row before. What a power cut leaves half written, a
-disk returns otherwise than it was written, or another program appends, is taken out and kept in
-another file. Rows of the log that are appended again break the chain.
+A sample is on disk when `write` returns. Every row has a number and a checksum, so that each row
+can be judged alone: what a power cut leaves half written, or a person or a program changes, is
+taken out, named and kept in another file, and the other rows stay. Numbers without a row are
+samples that are gone. A row that stands there twice counts once.
 """
 
 import contextlib
 import os
 import stat
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.interface import (
-    BENCH_COLUMNS,
-    make_folder,
-    sync_folder,
-    write_atomically,
-)
+from hmcvt_core.interface import make_folder, sync_folder, write_atomically
 
 from .state_folder import Series, next_name, require_no_link
 
@@ -32,28 +28,71 @@ COLUMNS = (
     "load_torque",
     "efficiency",
     "output_speed",
-    "stated_std",
 )
-"""The last may be empty: the standard deviation that a sample states of its efficiency. It is not
-called `efficiency_std`, because a bench file has that of all samples or of none."""
-_ATTRIBUTES = {"stated_std": "efficiency_std"}
-"""Names of columns in `BenchSamples`, where they differ."""
+STATED = {
+    "stated_std": "efficiency_std",
+    "stated_oil_temperature": "oil_temperature",
+    "stated_pressure": "pressure",
+}
+"""Columns that may be empty, with their names in `BenchSamples`. They are called otherwise here,
+because a bench file has a value of all samples or of none."""
+STATED_SESSION = "stated_session"
+"""Column with the session of a sample, which may be empty."""
 
-_PLAIN_HEADER = ",".join(COLUMNS[:-1]).encode()
-"""First line of logs up to version 0.1, without checksums."""
-_UNCHAINED_HEADERS = (_PLAIN_HEADER + b",crc", _PLAIN_HEADER + b",stage,crc")
-"""First lines of logs of version 0.2, in which rows have only `crc`."""
-_HEADER = ",".join(COLUMNS).encode() + b",crc,chain"
-_HEADER_WITH_STAGE = ",".join(COLUMNS).encode() + b",stage,crc,chain"
-_WITH_STAGE = (_HEADER_WITH_STAGE, _UNCHAINED_HEADERS[1])
-_WITHOUT_STAGE = (_HEADER, _UNCHAINED_HEADERS[0], _PLAIN_HEADER)
+_NUMBERS = (*COLUMNS, *STATED)
+_HEADER = ("number", *_NUMBERS, STATED_SESSION, "crc")
+_HEADER_WITH_STAGE = (*_HEADER[:-1], "stage", "crc")
+_CHAINED = (*COLUMNS, "stated_std", "crc", "chain")
+"""Columns of an earlier version, in which a second checksum depended on the row before."""
+_CHAINED_WITH_STAGE = (*_CHAINED[:-2], "stage", "crc", "chain")
+_HEADERS = (_HEADER, _HEADER_WITH_STAGE, _CHAINED, _CHAINED_WITH_STAGE)
+_EARLIER = {len(header) for header in _HEADERS[2:]}
+"""Counts of cells of an earlier version; each count is that of one header."""
+_MARK = ",".join(COLUMNS).encode()
+"""What the first line of every log holds."""
 _NOT_IN_A_STAGE = frozenset(',"#\n\r')
 """Characters that would break the line of a stage."""
-_RANGES = {column.name: column for column in BENCH_COLUMNS}
-_BEGIN = b"00000000"
-"""Chain before the first row."""
-_HEX = 8
-"""Digits of a checksum."""
+_ROW_BYTES = 512
+_ROWS_READ = 100_000
+"""A file of more bytes than this many rows of that size, or than the limit of the log, is no log:
+it is set aside unread, so that reading is bounded."""
+_MOST_NAMED = 20
+"""Lines or runs of samples that a message names."""
+
+
+class Written(NamedTuple):
+    """What became of rows.
+
+    Attributes:
+        logged: count of rows that are on disk.
+        repeats: positions of the rows that had been logged before.
+    """
+
+    logged: int
+    repeats: frozenset[int]
+
+
+class _Row(NamedTuple):
+    """A row without number and checksum, and its number; 0 where it has none."""
+
+    number: int
+    text: bytes
+
+
+class _Reading(NamedTuple):
+    """What a file holds.
+
+    Attributes:
+        rows: intact rows of the log's kind, in the order of their numbers.
+        damaged: numbers of the lines that are no intact rows, from 1.
+        strangers: numbers of the lines that are rows of the other kind, with stages or without.
+        repeats: count of rows that stand there more than once.
+    """
+
+    rows: list[_Row]
+    damaged: list[int]
+    strangers: list[int]
+    repeats: int
 
 
 class _Identity(NamedTuple):
@@ -84,31 +123,33 @@ class BenchLog:
         """
         self.path = path
         self.recovered = ""
-        self._stages = stages
-        self._header = _HEADER_WITH_STAGE if stages else _HEADER
+        header = _HEADER_WITH_STAGE if stages else _HEADER
+        self._header = ",".join(header).encode() + b"\n"
+        self._cells = len(header)
         self._limit = limit
-        self._count = 0
-        self._chain = _BEGIN
+        self._logged: set[int] = set()  # hashes of the rows
+        self._last = 0  # number of the last row
+        self._gone = ""  # numbers without a row, as they were reported
         self._written: _Identity | None = None
         self._removed = 0  # samples that vanished with the file
         try:
-            self.check(takes_over=True)
+            self.check()
         except OSError as error:
             self.recovered = f"{path}: cannot be read or repaired: {error.strerror}"
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._logged)
 
     @property
     def full(self) -> str:
         """Why there is no room for a sample."""
         return (
-            f"the bench log holds {self._count} samples and takes no more; "
+            f"the bench log holds {len(self)} samples and takes no more; "
             "~/clear_samples sets it aside"
         )
 
-    def write(self, rows: Sequence[bytes]) -> int:
-        """Write as many rows as there is room for, wait until they are on disk, return how many.
+    def write(self, rows: Sequence[bytes]) -> Written:
+        """Write the rows that are new and for which there is room; wait until they are on disk.
 
         Args:
             rows: see `rows_of`.
@@ -121,17 +162,14 @@ class BenchLog:
                 self.check()  # another program changed, removed or replaced it
             if self._written is None:
                 make_folder(self.path.parent)
-                write_atomically(self.path, self._header + b"\n")
-                self._chain = _BEGIN
+                write_atomically(self.path, self._header)
                 self._written = self._identity()
-            fitting = rows[: max(self._limit - self._count, 0)]
-            if not fitting:
-                return 0
-            text, chain = _chained(fitting, self._chain)
-            if self._append(text):
-                self._count += len(fitting)
-                self._chain = chain
-                return len(fitting)
+            fresh, repeats = self._sorted_out(rows)
+            lines = map(_line, enumerate(fresh, self._last + 1))
+            if not fresh or self._append(b"".join(lines)):
+                self._logged.update(map(hash, fresh))
+                self._last += len(fresh)
+                return Written(len(fresh), repeats)
 
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log; return how many samples the old one held, and its path.
@@ -143,51 +181,78 @@ class BenchLog:
         """
         count = 0
         kept = None
-        if self._identity() is not None and self._count:
-            count = self._count
-            kept = self._free_name("cleared")
-            self.path.rename(kept)
-            sync_folder(self.path.parent)
-            self._written = None
-        self._count = 0
+        if self._identity() is not None and len(self):
+            count = len(self)
+            kept = self._rename("cleared")
+        self._begin()
         self._removed = 0
-        self._chain = _BEGIN
         self.recovered = ""
         return count, kept
 
-    def check(self, takes_over: bool = False) -> None:
-        """Take out of the file what is not as it was written.
+    def check(self) -> None:
+        """Take out of the file what is not as it was written, and put the rest in order.
 
         Samples that had been written and are missing are reported in `recovered`.
-
-        Args:
-            takes_over: whether a log of an earlier version, without chain or checksums, is taken
-                over; only at the start, because while the node runs nobody else writes one.
 
         Raises:
             OSError: it cannot be read or repaired.
         """
-        expected = self._count
-        if self._identity() is None:
-            self._forget(expected)
+        expected = len(self)
+        identity = self._identity()
+        if identity is None:
+            self._begin()
+            if expected:
+                self._removed += expected
+                self.recovered = (
+                    f"{self.path}: is gone, and {self._removed} samples with it"
+                )
+            return
+        if identity.size > _ROW_BYTES * max(self._limit, _ROWS_READ):
+            aside = self._rename("damaged")
+            self._begin()
+            self.recovered = (
+                f"{self.path}: has {identity.size} bytes, too many for a log of "
+                f"{self._limit} samples, and is set aside unread as {aside.name}"
+            )
             return
         raw = self.path.read_bytes()
-        *lines, torn = raw.split(b"\n")
-        header = lines.pop(0) if lines else b""
-        if header in (_WITHOUT_STAGE if self._stages else _WITH_STAGE):
-            self._set_aside_of_another_model(len(lines))
+        reading = _read(raw, self._cells)
+        if reading.strangers and not reading.rows:
+            aside = self._rename("cleared")
+            self._begin()
+            self.recovered = (
+                f"{self.path}: was of another model, one with stages or without, "
+                f"and is set aside as {aside}"
+            )
             return
-        rows = _intact_rows(lines, header, self._header, takes_over)
-        text, self._chain = _chained(rows, _BEGIN)
-        text = self._header + b"\n" + text
-        self._count = len(rows)
         self._written = None  # until it has been written
-        lost = len(lines) + bool(torn) - len(rows)
-        known = header == self._header or (takes_over and header in _OLD_HEADERS)
-        self._report_damage(raw, known, lost, expected)
+        self._logged = {hash(row.text) for row in reading.rows}
+        self._last = max(self._last, *(row.number for row in reading.rows), 0)
+        text = self._header + b"".join(map(_line, reading.rows))
+        damaged = sorted(reading.damaged + reading.strangers)
+        self._report(reading, damaged, self._keep(raw) if damaged else None)
         if text != raw:
             write_atomically(self.path, text)
         self._written = self._identity()
+
+    def _sorted_out(self, rows: Sequence[bytes]) -> tuple[list[bytes], frozenset[int]]:
+        """Return the new rows for which there is room, and the positions of the repeats."""
+        room = self._limit - len(self)
+        fresh: dict[bytes, None] = {}
+        repeats = set()
+        for position, row in enumerate(rows):
+            if hash(row) in self._logged or row in fresh:
+                repeats.add(position)
+            elif len(fresh) < room:
+                fresh[row] = None
+        return list(fresh), frozenset(repeats)
+
+    def _begin(self) -> None:
+        """Forget the file: the next sample begins another one."""
+        self._logged = set()
+        self._last = 0
+        self._gone = ""
+        self._written = None
 
     def _identity(self) -> _Identity | None:
         """Return which file has the name of the log; None when none has.
@@ -202,17 +267,6 @@ class BenchLog:
         except FileNotFoundError:
             return None
         return _Identity(status.st_dev, status.st_ino, status.st_size)
-
-    def _forget(self, expected: int) -> None:
-        """Take note that the file is gone with the samples that it held."""
-        self._count = 0
-        self._chain = _BEGIN
-        self._written = None
-        if expected:
-            self._removed += expected
-            self.recovered = (
-                f"{self.path}: is gone, and {self._removed} samples with it"
-            )
 
     def _append(self, text: bytes) -> bool:
         """Append to the file; return False when it turns out to have been removed or replaced."""
@@ -237,159 +291,193 @@ class BenchLog:
         self._written = expected
         return True
 
-    def _set_aside_of_another_model(self, count: int) -> None:
-        self._count = max(count, 1)
-        _, aside = self.set_aside()
-        self.recovered = (
-            f"{self.path}: was of another model, one with stages or without, "
-            f"and is set aside as {aside}"
-        )
-
-    def _report_damage(self, raw: bytes, known: bool, lost: int, expected: int) -> None:
-        """Keep a damaged file, and say which samples are lost.
+    def _report(
+        self, reading: _Reading, damaged: Sequence[int], kept: Path | None
+    ) -> None:
+        """State which lines were taken out, and which samples are gone.
 
         Args:
-            raw: file as it was found.
-            known: whether its first line is one of a log.
-            lost: count of damaged lines.
-            expected: count of samples that had been written.
+            reading: what the file holds.
+            damaged: numbers of the lines that are taken out.
+            kept: copy of the file as it was.
         """
         problems = []
-        if lost or not known:
-            kept = self._free_name("damaged")
-            write_atomically(kept, raw)
+        if kept is not None:
+            lines = _listed([str(number) for number in damaged])
             problems.append(
-                f"{lost} damaged lines taken out, the file as it was is kept as "
-                f"{kept.name}"
+                f"{len(damaged)} damaged lines taken out (line {lines}), the file as it "
+                f"was is kept as {kept.name}"
             )
-        missing = expected - self._count
-        if missing > 0 and missing > lost:
-            problems.append(f"{missing - lost} samples that had been logged are gone")
+        if reading.repeats:
+            problems.append(
+                f"{reading.repeats} rows stood there more than once and count once"
+            )
+        gone = _gaps([row.number for row in reading.rows], self._last)
+        if gone and gone != self._gone:
+            problems.append(f"gone are samples number {gone}")
+        self._gone = gone
         if problems:
             self.recovered = f"{self.path}: {'; '.join(problems)}"
 
+    def _rename(self, reason: str) -> Path:
+        kept = self._free_name(reason)
+        self.path.rename(kept)
+        sync_folder(self.path.parent)
+        return kept
+
+    def _keep(self, raw: bytes) -> Path:
+        kept = self._free_name("damaged")
+        write_atomically(kept, raw)
+        return kept
+
     def _free_name(self, reason: str) -> Path:
         prefix = f"{self.path.stem}.{reason}-"
-        series = Series(
-            rf"{prefix.replace('.', '[.]')}\d+[.]csv", (_PLAIN_HEADER + b",",)
-        )
+        series = Series(rf"{prefix.replace('.', '[.]')}\d+[.]csv", (_MARK,))
         name = next_name(self.path.parent, series, prefix=prefix)
         return name.with_name(f"{name.name}{self.path.suffix}")
 
 
-_OLD_HEADERS = (_PLAIN_HEADER, *_UNCHAINED_HEADERS)
+def require_intact(path: Path) -> None:
+    """Refuse a log that was set aside and is not as it was written; other files pass.
+
+    Raises:
+        InputError: a line is damaged; it is named.
+        OSError: the file cannot be read.
+    """
+    with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+        header = tuple(_cells(file.readline(_ROW_BYTES).rstrip(b"\n")))
+        if header not in _HEADERS:
+            return
+        rest = file.read(_ROW_BYTES * _ROWS_READ)
+        if file.read(1):
+            raise InputError(f"{path.name}: more than {len(rest)} bytes, too many")
+        damaged = _read(rest, len(header)).damaged
+        if damaged:
+            # One more for the header.
+            lines = _listed([str(number + 1) for number in damaged])
+            raise InputError(f"{path.name}: damaged is line {lines}: take it out")
 
 
 def rows_of(samples: BenchSamples) -> list[bytes]:
-    """Return samples as rows of the log, with `crc` and without `chain`.
+    """Return samples as rows of the log, without their numbers and checksums.
 
     Raises:
         InputError: a column is missing, or the name of a stage would break its line.
     """
     columns = []
-    for name in COLUMNS:
-        column = getattr(samples, _ATTRIBUTES.get(name, name))
+    for name in _NUMBERS:
+        column = getattr(samples, STATED.get(name, name))
         if column is not None:
             columns.append([repr(value) for value in column.tolist()])
-        elif name in _ATTRIBUTES:
+        elif name in STATED:
             columns.append([""] * len(samples))
         else:
             # An empty cell would make a log that `read_bench` refuses.
             raise InputError(f"{samples.source}: {name} is missing")
+    columns.append(list(samples.extra.get("session", [""] * len(samples))))
     stages = samples.extra.get("stage")
     if stages:
-        if any(_NOT_IN_A_STAGE & set(name) for name in stages):
-            raise InputError(
-                f"{samples.source}: stage {stages[0]!r} is no name for a log"
-            )
         columns.append(list(stages))
-    rows = zip(*columns, strict=True)
-    return [_with_checksum(",".join(row).encode()) for row in rows]
-
-
-def _with_checksum(row: bytes) -> bytes:
-    return b"%b,%08x" % (row, zlib.crc32(row))
-
-
-def _link(row: bytes, before: bytes) -> bytes:
-    """Return the chain of a row after a row with another chain."""
-    return b"%08x" % zlib.crc32(row, int(before, 16))
-
-
-def _chained(rows: Sequence[bytes], before: bytes) -> tuple[bytes, bytes]:
-    """Return rows as lines after a chain, and the chain after them."""
-    lines = []
+    rows = list(zip(*columns, strict=True))
     for row in rows:
-        before = _link(row, before)
-        lines.append(b"%b,%b\n" % (row, before))
-    return b"".join(lines), before
+        for name in row[len(_NUMBERS) :]:
+            if _NOT_IN_A_STAGE & set(name):
+                raise InputError(f"{samples.source}: {name!r} is no name for a log")
+    return [",".join(row).encode() for row in rows]
 
 
-def _intact_rows(
-    lines: Sequence[bytes], header: bytes, wanted: bytes, takes_over: bool
-) -> list[bytes]:
-    """Return the rows that are as they were written, with `crc` and without `chain`."""
-    if takes_over and header == _PLAIN_HEADER:
-        # A cut in the middle of a number leaves a number, so a line counts only with its end.
-        plain = [line.strip() for line in lines if _is_row(line)]
-        return [_with_empty_cell(row) for row in plain]
-    if takes_over and header in _UNCHAINED_HEADERS:
-        good = [line for line in lines if _intact(line)]
-        stage = header == _UNCHAINED_HEADERS[1]
-        return [_with_empty_cell(line[: -_HEX - 1], stage) for line in good]
-    return _rows_in_chain(lines)
+def _line(row: tuple[int, bytes]) -> bytes:
+    """Return a line of the log from the number of a row and its text."""
+    body = b"%d,%b" % row
+    # With a letter first, so that a spreadsheet takes it for text.
+    return b"%b,x%08x\n" % (body, zlib.crc32(body))
 
 
-def _with_empty_cell(row: bytes, stage: bool = False) -> bytes:
-    """Return a row of an earlier version with a cell for `stated_std`."""
-    if stage:
-        values, _, name = row.rpartition(b",")
-        return _with_checksum(values + b",," + name)
-    return _with_checksum(row + b",")
+def _read(raw: bytes, cells: int) -> _Reading:
+    """Read a file line by line; each line is judged alone.
 
-
-def _rows_in_chain(lines: Sequence[bytes]) -> list[bytes]:
-    """Return the rows that are intact and follow each other.
-
-    A damaged line says no more than the chain that it ends with, which the next line may continue.
-    A line that is intact, but does not continue the chain, comes from elsewhere, and so do the
-    lines that continue it.
+    Args:
+        raw: content of the file.
+        cells: count of cells of a row of this log.
     """
-    rows = []
-    before = {_BEGIN}
-    for line in lines:
-        row, _, chain = line.rpartition(b",")
-        if not _intact(row):
-            if _is_checksum(chain):
-                before.add(chain)
+    rows: dict[bytes, int] = {}
+    damaged = []
+    strangers = []
+    repeats = 0
+    last = 0
+    for place, line in enumerate(raw.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
+        values = _cells(line)
+        if not any(values) or tuple(values) in _HEADERS:
             continue
-        links = {_link(row, link) for link in before}
-        if chain in links:
-            rows.append(row)
-            before = {chain}
+        row = _intact(values)
+        if row is None:
+            damaged.append(place)
+        elif row.text.count(b",") != cells - 3:
+            strangers.append(place)
+        elif row.text in rows:
+            repeats += 1
         else:
-            # Where only its chain is damaged, the next line continues what it should be.
-            before |= links
-    return rows
-
-
-def _intact(row: bytes) -> bool:
-    return row == _with_checksum(row.rpartition(b",")[0])
-
-
-def _is_checksum(text: bytes) -> bool:
-    return len(text) == _HEX and all(digit in b"0123456789abcdef" for digit in text)
-
-
-def _is_row(line: bytes) -> bool:
-    cells = line.split(b",")
-    if len(cells) != len(COLUMNS) - 1:
-        return False
-    try:
-        values = [float(cell) for cell in cells]
-    except ValueError:
-        return False
-    return all(
-        _RANGES[name].contains(value)
-        for name, value in zip(COLUMNS[:-1], values, strict=True)
+            last = row.number or last + 1
+            rows[row.text] = last
+    # Sorted or swapped rows are put back in the order in which they were written.
+    numbered = sorted(
+        (_Row(n, text) for text, n in rows.items()), key=lambda r: r.number
     )
+    return _Reading(numbered, damaged, strangers, repeats)
+
+
+def _cells(line: bytes) -> list[str]:
+    """Return the cells of a line as the log writes them, also after a spreadsheet saved it.
+
+    A spreadsheet may separate by semicolons or tabs, with decimal commas, add quotes, and write
+    numbers in another form.
+    """
+    text = line.decode(errors="replace").strip("\r")
+    mark = max(",;\t", key=text.count)
+    if mark != ",":
+        text = text.replace(",", ".").replace(mark, ",")
+    return [cell.strip('"') for cell in text.split(",")]
+
+
+def _intact(cells: Sequence[str]) -> _Row | None:
+    """Return the row in the cells of a line; None where its checksum does not match."""
+    if len(cells) in _EARLIER:
+        body = ",".join(cells[:-2])
+        if f"{zlib.crc32(body.encode()):08x}" != cells[-2]:
+            return None
+        values = cells[: len(COLUMNS) + 1]
+        added = [""] * (len(_HEADER) - len(_CHAINED))
+        return _Row(0, ",".join([*values, *added, *cells[len(values) : -2]]).encode())
+    if len(cells) < len(_HEADER):
+        return None
+    try:
+        number = int(float(cells[0]))
+        values = [_number(cell) for cell in cells[1 : len(_NUMBERS) + 1]]
+    except (ValueError, OverflowError):
+        return None
+    text = ",".join([*values, *cells[len(_NUMBERS) + 1 : -1]]).encode()
+    expected = _line((number, text)).decode().rstrip()
+    return _Row(number, text) if expected.endswith(f",{cells[-1]}") else None
+
+
+def _number(cell: str) -> str:
+    """Return a number in the form in which the log writes it; empty for an empty cell."""
+    return repr(float(cell)) if cell else ""
+
+
+def _gaps(numbers: Iterable[int], last: int) -> str:
+    """Return which numbers from 1 to `last` are missing among rising numbers, in words."""
+    missing = []
+    for before, after in pairwise([0, *numbers, last + 1]):
+        if after - before == 2:
+            missing.append(f"{before + 1}")
+        elif after - before > 2:
+            missing.append(f"{before + 1} to {after - 1}")
+    return _listed(missing)
+
+
+def _listed(words: Sequence[str]) -> str:
+    listed = ", ".join(words[:_MOST_NAMED])
+    if len(words) > _MOST_NAMED:
+        return f"{listed} and {len(words) - _MOST_NAMED} more"
+    return listed

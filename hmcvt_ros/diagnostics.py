@@ -13,7 +13,7 @@ from hmcvt_core import Opening
 
 from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
-from .parameters import Settings
+from .parameters import Settings, changes
 from .public_text import PublicText
 from .recorder import NOT_WRITTEN, Recorder
 
@@ -21,7 +21,8 @@ LEVELS = {
     State.FRESH: DiagnosticStatus.OK,
     State.COASTING: DiagnosticStatus.OK,
     State.MISSING: DiagnosticStatus.WARN,
-    State.STALE: DiagnosticStatus.STALE,
+    # Also on a machine that is parked; the level STALE is for an aggregator that misses the node.
+    State.STALE: DiagnosticStatus.WARN,
     State.INVALID: DiagnosticStatus.ERROR,
 }
 """Level of `inputs` by the state of an input."""
@@ -130,7 +131,7 @@ def inputs_status(
     inputs: Inputs,
     now: int,
     settings: Settings,
-    counts: Mapping[str, int],
+    counts: Mapping[str, Any],
     warnings: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Return the status of the inputs: the worst of the three and the last operating point.
@@ -141,7 +142,7 @@ def inputs_status(
         inputs: the three inputs.
         now: time by the clock of the ages [ns].
         settings: parameters of the node.
-        counts: counts of what was answered and refused.
+        counts: counts of what was answered and refused, and the oil temperature.
         warnings: complaints that make the level at least WARN.
     """
     values: dict[str, Any] = {}
@@ -181,7 +182,8 @@ def model_status(
     log: Recorder,
     point: OperatingPoint | None,
     refusal: str,
-    limits: str,
+    start: Settings,
+    settings: Settings,
 ) -> DiagnosticStatus:
     """Return the status of the model: which one, how good, and whether it covers the point.
 
@@ -194,9 +196,11 @@ def model_status(
         log: log of the bench samples.
         point: present operating point, None without one.
         refusal: why the model has no answer there; empty when it has.
-        limits: which limits that protect the node were changed; empty when none.
+        start: parameters of the node at its start.
+        settings: present parameters.
     """
     extrapolation = _extrapolation(served, point)
+    changed = changes(start, settings)
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(served)
     complaints = [
@@ -227,11 +231,15 @@ def model_status(
         "state folder": state or "intact",
         "bench samples logged": len(log.log),
         **log.tally.values("bench samples"),
+        "bench samples repeated": log.repeats,
         "bench samples lost": log.numbers.missing,
-        "limits changed": limits or "none",
+        "limits changed": changes(start, settings, limits_only=True) or "none",
+        "parameters changed": changed or "none",
         **_activity_values(activity),
     }
     message = "; ".join(filter(None, complaints)) or f"serving {served.path.name}"
+    if changed:
+        message = f"{message}; parameters changed since the start: {changed}"
     return _status(name, "model", level, message, values, public)
 
 

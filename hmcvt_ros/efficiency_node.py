@@ -24,6 +24,9 @@ periods of the timer."""
 _SWITCH_INTERVAL = 2e-4
 """Longest time that another thread keeps the interpreter [s]; about what an answer takes."""
 
+HIGHEST_DOMAIN = 232
+"""Highest ROS_DOMAIN_ID that has ports: 7400 + 250 for each domain, below 65536."""
+
 WRONG_ARGUMENT = 2
 """Exit code for a wrong argument, parameter or model file, or a missing ROS."""
 STUCK = 1
@@ -51,7 +54,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
-    from hmcvt_core import HmcvtError
     from hmcvt_core.interface import ONE_BLAS_THREAD
 
     from .node import EfficiencyNode
@@ -68,16 +70,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         if other:
             return _failed(f"unknown argument {other[0]}; see --help")
+        _require_domain()
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = EfficiencyNode()
-    except (HmcvtError, OSError, RuntimeError) as error:
+    except Exception as error:
+        # rclpy has many kinds for arguments, parameters and settings that it cannot use.
         rclpy.try_shutdown()
-        # rclpy raises a RuntimeError for a parameter file or argument that it cannot read.
-        kind = f"{type(error).__name__}: " if isinstance(error, RuntimeError) else ""
-        return _failed(f"{kind}{error}")
+        return _failed(_in_words(error))
     # What has been loaded stays; looking through it for garbage again and again delays answers.
     gc.freeze()
     return _run(node, signals)
+
+
+def _require_domain() -> None:
+    """Refuse a domain for which the middleware would end the process without a reason.
+
+    Raises:
+        ValueError: there are no ports for it.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    if domain.isdecimal() and int(domain) > HIGHEST_DOMAIN:
+        raise ValueError(f"ROS_DOMAIN_ID = {domain}; allowed 0 to {HIGHEST_DOMAIN}")
+
+
+def _in_words(error: Exception) -> str:
+    """Return why the node did not start."""
+    from hmcvt_core import HmcvtError
+
+    from .state_folder import working_directory_trouble
+
+    if isinstance(error, FileNotFoundError) and error.filename is None:
+        trouble = working_directory_trouble()
+        if trouble:
+            return trouble
+    if isinstance(error, UnicodeError):
+        return (
+            "a name has characters that the locale cannot express; set LC_ALL=C.UTF-8 "
+            f"or another locale of UTF-8 ({error})"
+        )
+    if isinstance(error, (HmcvtError, OSError, ValueError)):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
 
 
 def _run(node: EfficiencyNode, signals: list[int]) -> int:

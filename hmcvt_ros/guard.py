@@ -40,6 +40,11 @@ NOTES_AT_ONCE = 20
 """Lines of one kind about what succeeded, within a minute."""
 _NOTES_WITHIN = 60.0
 
+_LIBRARIES = ("rcl", "rclpy", "rmw_fastrtps_cpp")
+"""Loggers of ROS itself whose levels can be set."""
+_NAME_SHOWN = 100
+"""Characters of the name of a logger that a message shows."""
+
 _ENTRY_FIELDS = ("parameters", "names", "prefixes", "levels")
 """Fields of requests that hold entries."""
 
@@ -75,7 +80,7 @@ class Log:
         """Take the node and what of a text may leave the machine."""
         self._node_logger = node.get_logger()
         # A logger that is no node's is not published.
-        self._local_logger = get_logger(f"{self._node_logger.name}.local")
+        self._local_logger = get_logger(_local(self._node_logger.name))
         self._public = public
         self._warned: dict[str, float] = {}
         self._noted: dict[str, deque[float]] = {}
@@ -137,6 +142,8 @@ class Guard:
         self.contained = 0
         self.log = log
         self._entries = Budget(ENTRIES_PER_SECOND)
+        name = node.get_logger().name
+        self._loggers = (name, _local(name), *_LIBRARIES)
         for service in node.services:
             service.callback = self._bounded(service.service_name, service.callback)
         # There is one for /clock with use_sim_time, and none otherwise.
@@ -186,7 +193,7 @@ class Guard:
 
         def bounded(request: Any, response: Any) -> Any:
             _require_small(request)
-            _require_quiet(request)
+            self._require_known_loggers(request)
             self._require_few(request)
             if not isinstance(request, SetParameters.Request):
                 return contained(request, response)
@@ -209,6 +216,33 @@ class Guard:
                 f"busy: more than {ENTRIES_PER_SECOND} entries of requests a second"
             )
 
+    def _require_known_loggers(self, request: Any) -> None:
+        """Refuse levels of loggers that would fill a disk, hide errors or take memory."""
+        if not isinstance(request, SetLoggerLevels.Request):
+            return
+        for entry in request.levels:
+            if entry.name not in self._loggers:
+                # ROS would keep the level of every name that anyone thinks of.
+                raise InputError(
+                    f"logger {printable(entry.name[:_NAME_SHOWN])!r} does not exist; there is "
+                    f"{', '.join(self._loggers)}"
+                )
+            if entry.level < LoggerLevel.LOG_LEVEL_INFO:
+                raise InputError(
+                    f"logger {entry.name!r}: level {entry.level} is below info; give it at the "
+                    "start by --log-level"
+                )
+            if entry.level > LoggerLevel.LOG_LEVEL_ERROR:
+                raise InputError(
+                    f"logger {entry.name!r}: level {entry.level} is above error and would hide "
+                    "errors"
+                )
+
+
+def _local(name: str) -> str:
+    """Return the logger of a node whose lines stay on the machine."""
+    return f"{name}.local"
+
 
 def _entries(request: Any) -> int:
     return max(len(getattr(request, name, ())) for name in _ENTRY_FIELDS)
@@ -221,18 +255,6 @@ def _require_small(request: Any) -> None:
     size = len(serialize_message(request))
     if size > RAW_LIMIT:
         raise InputError(f"{size} bytes; allowed are {RAW_LIMIT}")
-
-
-def _require_quiet(request: Any) -> None:
-    """Refuse the levels of a logger that would fill a disk."""
-    if not isinstance(request, SetLoggerLevels.Request):
-        return
-    for entry in request.levels:
-        if entry.level < LoggerLevel.LOG_LEVEL_INFO:
-            raise InputError(
-                f"logger {entry.name!r}: level {entry.level} is below info; give it at the "
-                "start by --log-level"
-            )
 
 
 def _refusal(reason: str, request: Any, response: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from hmcvt_core.interface import (
     DISPLACEMENT_RATIO,
     LOAD_TORQUE,
+    OIL_TEMPERATURE,
     POINT_RANGES,
     Range,
 )
@@ -203,6 +204,7 @@ class Inputs:
 
     Attributes:
         by_name: inputs by name.
+        oil: oil temperature [deg C], which may stay away.
         clock_jumps: how often a simulated clock was set back or exchanged.
         coasting: count of arrivals without an answer because the load torque was near zero or less.
         apart: count of arrivals without an answer because of `max_input_skew`.
@@ -214,6 +216,7 @@ class Inputs:
     def __init__(self) -> None:
         self.by_name = {limits.name: Input(limits) for limits in INPUT_RANGES}
         self._all = tuple(self.by_name.values())
+        self.oil = Input(OIL_TEMPERATURE)
         self.clock_jumps = 0
         self.coasting = 0
         self.apart = 0
@@ -231,6 +234,10 @@ class Inputs:
         ):
             return None
         return OperatingPoint(stroke.value, speed.value, torque.value)  # type: ignore[arg-type]
+
+    def oil_temperature(self, now: int, limit: int) -> float | None:
+        """Return the oil temperature [deg C]; None without one that is not older than a limit."""
+        return self.oil.value if self.oil.fresh(now, limit) else None
 
     def count_silence(self, now: int, limits: AgeLimits) -> None:
         """Count an arrival without an answer although all inputs are fresh."""
@@ -251,12 +258,12 @@ class Inputs:
     def clock_jumped(self) -> None:
         """Discard all inputs: their ages by the clock before mean nothing."""
         self.clock_jumps += 1
-        for item in self._all:
+        for item in (*self._all, self.oil):
             item.forget()
 
     def change_clock(self, follow_simulation: bool) -> None:
         """Count all ages by the clock of the simulation, or by the steady clock."""
-        for item in self._all:
+        for item in (*self._all, self.oil):
             item.change_clock(follow_simulation)
 
     def _fresh(self, now: int, limits: AgeLimits) -> bool:

@@ -17,6 +17,7 @@ from hmcvt_core.interface import (
     write_atomically,
 )
 
+from .bench_log import STATED, STATED_SESSION
 from .model_store import Promised, proven, servable
 from .state_folder import MODELS, PAGE_DATA, PAGES, next_name
 
@@ -113,7 +114,7 @@ def reidentify(
         "error_before": result.error_before,
         "error_after": result.error_after,
         "parameters": fitted.to_mapping()["parameters"],
-        "warnings": result.warnings,
+        "warnings": [*result.warnings, *left_out(bench)],
         "set_aside": result.set_aside,
         "kept": result.kept,
         "largest_change": result.largest_change,
@@ -169,7 +170,7 @@ def bench_of(path: Path, noise: float = 0.0) -> hmcvt.BenchSamples:
     Raises:
         InputError: the file is wrong, or a stated standard deviation is.
     """
-    bench = hmcvt.read_bench(path)
+    bench = _with_channels(hmcvt.read_bench(path))
     cells = bench.extra.get("stated_std", ())
     if bench.efficiency_std is not None or not any(cells):
         return bench
@@ -181,6 +182,35 @@ def bench_of(path: Path, noise: float = 0.0) -> hmcvt.BenchSamples:
         if cell:
             values[i] = _number(cell, bench.label(i))
     return replace(bench, efficiency_std=np.array(values))
+
+
+def _with_channels(bench: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
+    """Return samples of the log with the quantities that each of them states."""
+    channels: dict[str, Any] = {}
+    for column, name in STATED.items():
+        cells = bench.extra.get(column, ())
+        if name != "efficiency_std" and cells and all(cells):
+            values = [_number(cell, bench.label(i)) for i, cell in enumerate(cells)]
+            channels[name] = np.array(values)
+    extra = dict(bench.extra)
+    sessions = extra.get(STATED_SESSION, ())
+    if sessions and all(sessions):
+        extra["session"] = sessions
+    return replace(bench, **channels, extra=extra)
+
+
+def left_out(bench: hmcvt.BenchSamples) -> list[str]:
+    """Return which quantities are not used because some samples of the log lack them."""
+    sentences = []
+    for column in (*STATED, STATED_SESSION):
+        cells = bench.extra.get(column, ())
+        stated = sum(map(bool, cells))
+        if column != "stated_std" and 0 < stated < len(cells):
+            name = column.removeprefix("stated_")
+            sentences.append(
+                f"{name} is left out: {stated} of {len(cells)} samples state it"
+            )
+    return sentences
 
 
 def _number(cell: str, label: str) -> float:
@@ -209,25 +239,30 @@ def diagnose(
         baseline: bench file of the sound transmission, which is held; empty for none.
 
     Returns:
-        The object of `hmcvt diagnose --json`, and `report`: path of the page, None with a reason in
-        `report_error` when it cannot be written.
+        The object of `hmcvt diagnose --json`; `left_out`: which quantities are not used because
+        some samples lack them; and `report`: path of the page, None with a reason in `report_error`
+        when it cannot be written.
     """
     sound = None
     if baseline:
         sound = bench_of(Path(baseline), noise)
+    bench = bench_of(samples, noise)
     diagnosis = hmcvt.diagnose(
         hmcvt.load_model(model),
-        bench_of(samples, noise),
+        bench,
         noise=noise or None,
         seed=seed,
         baseline=sound,
     )
-    answer = diagnosis.to_dict()
+    answer = {**diagnosis.to_dict(), "left_out": left_out(bench)}
     try:
         path = next_name(reports, PAGES, PAGE_DATA).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
         hmcvt.write_html(diagnosis, path)
-    except (OSError, hmcvt.InputError) as error:
-        # Such as a full disk, or no matplotlib: the answer is worth more than the page.
-        return {**answer, "report": None, "report_error": str(error)}
+    except Exception as error:
+        # Of any kind, such as a full disk or no Jinja2: the answer is worth more than the page.
+        reason = str(error)
+        if isinstance(error, ImportError):
+            reason = f'{reason}: the page needs pip install ".[report]"'
+        return {**answer, "report": None, "report_error": reason}
     return {**answer, "report": str(path)}

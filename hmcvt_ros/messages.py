@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
@@ -24,7 +23,13 @@ from hmcvt_core import (
     HmcvtError,
     InputError,
 )
-from hmcvt_core.interface import DISPLACEMENT_RATIO, EFFICIENCY_STD, Shafts
+from hmcvt_core.interface import (
+    BENCH_COLUMNS,
+    DISPLACEMENT_RATIO,
+    OIL_TEMPERATURE,
+    Range,
+    Shafts,
+)
 
 from .inputs import (
     INPUT_RANGES,
@@ -40,8 +45,14 @@ MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
 """Largest size of a bench sample or operating point [bytes]; three joints take 200."""
 
-STATED_STD = "efficiency_std"
-"""Joint whose `position` states the standard deviation of the efficiency of a bench sample [-]."""
+CHANNELS = tuple(
+    column
+    for column in BENCH_COLUMNS
+    if column.name in ("efficiency_std", "oil_temperature", "pressure")
+)
+"""What a bench sample may state in addition, each by the `position` of a joint of that name."""
+SESSION = "session"
+"""Joint whose `position` is the number of the session of a bench sample."""
 
 _SOURCE = "bench_sample"
 _COLUMNS_FROM_SHAFTS = (
@@ -87,15 +98,28 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
     return point
 
 
+def oil_temperature_of(message: JointState) -> float | None:
+    """Return the oil temperature that a message states [deg C]; None without one.
+
+    Raises:
+        InputError: it is out of range.
+    """
+    return _stated(message, OIL_TEMPERATURE, "operating_point")
+
+
 def bench_sample_from_message(
-    message: JointState, now: float, tally: Tally
+    message: JointState,
+    now: float,
+    tally: Tally,
+    oil_temperature: float | None = None,
 ) -> BenchSamples:
     """Read one bench sample.
 
     Args:
-        message: see `read_shafts`.
+        message: see `read_shafts`; further joints state `CHANNELS` and `SESSION`.
         now: time of the sample when the header has none [s].
         tally: counts a stroke that is taken as the limit, as in `tolerated`.
+        oil_temperature: temperature where the message states none [deg C]; None for none.
 
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
@@ -112,28 +136,46 @@ def bench_sample_from_message(
     columns: dict[str, Any] = {
         name: np.array(getattr(shafts, name)) for name in _COLUMNS_FROM_SHAFTS
     }
+    stated = {limits.name: _stated(message, limits, _SOURCE) for limits in CHANNELS}
+    if stated[OIL_TEMPERATURE.name] is None:
+        stated[OIL_TEMPERATURE.name] = oil_temperature
+    for name, value in stated.items():
+        if value is not None:
+            columns[name] = np.array(value)
     return BenchSamples(
-        **columns,
-        efficiency_std=_stated_std(message),
-        stamp=np.array(stamp),
-        source=_SOURCE,
+        **columns, stamp=np.array(stamp), extra=_session(message), source=_SOURCE
     )
 
 
-def _stated_std(message: JointState) -> NDArray[np.float64] | None:
-    """Return the standard deviation that a message states of its efficiency; None without one.
+def _stated(message: JointState, limits: Range, source: str) -> float | None:
+    """Return what the joint of a quantity states by its `position`; None without one or for NaN.
 
     Raises:
-        InputError: it is out of range, or lies in no `position`.
+        InputError: it is out of range.
     """
-    names = list(message.name)
-    if STATED_STD not in names:
-        return None
-    value = float(message.position[names.index(STATED_STD)])
+    value = _position(message, limits.name)
     if math.isnan(value):
         return None
-    EFFICIENCY_STD.check(value, _SOURCE)
-    return np.array(value)
+    limits.check(value, source)
+    return value
+
+
+def _session(message: JointState) -> dict[str, tuple[str, ...]]:
+    """Return the session that a message states, as a column; empty without one."""
+    value = _position(message, SESSION)
+    if math.isnan(value):
+        return {}
+    if not value.is_integer():
+        raise InputError(f"{_SOURCE}: {SESSION} = {value:g} is no whole number")
+    return {SESSION: (f"{value:.0f}",)}
+
+
+def _position(message: JointState, joint: str) -> float:
+    """Return the `position` of a joint; NaN where there is none."""
+    names = list(message.name)
+    if joint not in names:
+        return math.nan
+    return float(message.position[names.index(joint)])
 
 
 def model_to_message(model: EfficiencyModel, served: Mapping[str, Any]) -> String:

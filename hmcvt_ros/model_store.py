@@ -9,10 +9,8 @@ the one after in service. It has a checksum and names the fingerprints of the mo
 is not what was put into service is not served, and the one before it is.
 """
 
-import contextlib
 import hashlib
 import json
-import time
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -23,9 +21,11 @@ from hmcvt_core.interface import write_atomically
 
 from .state_folder import (
     KEPT_FILES,
-    KEPT_FOR,
+    KEPT_STARTS,
     MODELS,
+    is_old,
     next_name,
+    read_small,
     require_no_link,
 )
 
@@ -34,9 +34,6 @@ MOST_VERSIONS = KEPT_FILES // 2
 
 Promised = tuple[tuple[Path, str], ...]
 """Parameter files, each with the fingerprint that it must have."""
-
-_KEYS_BEFORE_CHECKSUMS = {"base", "base_fingerprint", "in_service"}
-"""Keys of a state that version 0.1 wrote."""
 
 
 class _Version(NamedTuple):
@@ -202,19 +199,18 @@ class ModelStore:
         """Return the models put into service, with room for one more.
 
         Raises:
-            HmcvtError: there are too many of the last days.
+            HmcvtError: there are too many of the last starts.
         """
         stack = list(self._stack)
         if len(stack) < MOST_VERSIONS:
             return stack
         # The first one is the reference of the drift.
         oldest = self._models / stack[1].name
-        with contextlib.suppress(OSError):
-            if time.time() - oldest.stat().st_mtime < KEPT_FOR:
-                raise HmcvtError(
-                    f"{len(stack)} models were put into service within "
-                    f"{KEPT_FOR / 86_400.0:.0f} days; call ~/revert before another one"
-                )
+        if oldest.exists() and not is_old(oldest):
+            raise HmcvtError(
+                f"{len(stack)} models were put into service within {KEPT_STARTS} starts; "
+                "call ~/revert before another one"
+            )
         del stack[1]
         return stack
 
@@ -266,7 +262,7 @@ class ModelStore:
     def _resumed(self) -> _Stack:
         """Return the models of an earlier run; none, with a complaint, if they are of no use."""
         try:
-            state = json.loads(self._state.read_text(encoding="utf-8"))
+            state = json.loads(read_small(self._state))
             stack = _stack_of(state)
         except FileNotFoundError:
             return []
@@ -324,17 +320,17 @@ def utc_now() -> str:
 
 
 def _stack_of(state: dict[str, Any]) -> _Stack:
-    """Read a state, with a checksum or as version 0.1 wrote it, without fingerprints."""
+    """Read a state.
+
+    Raises:
+        ValueError: it has no checksum, or another one, or wrong names.
+        KeyError: a key is missing.
+    """
+    if state.pop("checksum", None) != _checksum(state):
+        raise ValueError("its checksum is missing or does not match")
     names = state["in_service"]
-    accepted = [False] * len(names)
-    if set(state) == _KEYS_BEFORE_CHECKSUMS:
-        fingerprints = [""] * len(names)
-    elif state.pop("checksum") == _checksum(state):
-        fingerprints = state["fingerprints"]
-        # Version 0.2 did not write who decided.
-        accepted = state.get("accepted", accepted)
-    else:
-        raise ValueError("checksum does not match")
+    fingerprints = state["fingerprints"]
+    accepted = state["accepted"]
     if any(Path(name).name != name for name in names):
         raise ValueError("names are no file names")
     return [

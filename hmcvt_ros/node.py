@@ -6,12 +6,12 @@ It computes nothing itself: it takes messages, checks ages and ranges, asks the 
 lookup takes a millisecond, and everything longer runs in another process.
 """
 
+import itertools
 import math
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -36,11 +37,11 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.interface import LOAD_TORQUE, joined, load_vehicle
+from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined, load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog
-from .clocks import AgeClock, SimulatedClock, SteadyClock
+from .clocks import CLOCK_TOPIC, AgeClock, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
 from .guard import Guard, Log
@@ -55,11 +56,11 @@ from .inputs import (
 )
 from .maps import Maps
 from .model_store import ModelStore
-from .outputs import Outputs, Served
+from .outputs import ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
-from .recorder import INVALID, MOST_WAITING, NOT_WRITTEN, Recorder
+from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
-from .state_folder import StateFolder
+from .state_folder import StateFolder, working_directory_trouble
 
 TICK = 0.1
 """Period of the timer [s]."""
@@ -95,17 +96,23 @@ def _invalid_point() -> Iterator[None]:
         raise _PointError(POINT_INVALID, State.INVALID, str(error)) from None
 
 
+def _columns(samples: BenchSamples) -> tuple[str, ...]:
+    """Return the names of the columns that samples have."""
+    return (*samples.columns, *samples.extra)
+
+
 class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
-    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-], `operating_point`,
-    `stage`, `bench_sample`; outputs `efficiency` [-], `optimal_displacement_ratio` [-],
-    `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`, `~/model`, `~/efficiency_map`,
+    Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-],
+    `oil_temperature` [deg C], `operating_point`, `stage`, `bench_sample`; outputs `efficiency` [-],
+    `optimal_displacement_ratio` [-], `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`,
+    `~/model`, `~/efficiency_map`,
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
 
-    It runs in any single-threaded executor, together with other nodes. Call `close` before
-    `destroy_node`.
+    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. Call
+    `close` before `destroy_node`.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -124,22 +131,68 @@ class EfficiencyNode(Node):
                 `parameter_overrides`.
         """
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
+        self._resources = ExitStack()
+        try:
+            self._start()
+        except BaseException:
+            self._resources.close()
+            self.destroy_node()
+            raise
+
+    @property
+    def executor(self) -> Executor | None:
+        """The executor that the node belongs to, or None."""
+        return super().executor
+
+    @executor.setter
+    def executor(self, new_executor: Executor | None) -> None:
+        """Enter an executor.
+
+        Raises:
+            InputError: it is not single-threaded. A `MultiThreadedExecutor` would run two callbacks
+                at once, and leaves most inputs unanswered.
+        """
+        if new_executor is not None and not isinstance(
+            new_executor, SingleThreadedExecutor
+        ):
+            new_executor.remove_node(self)
+            raise InputError(
+                f"the node hmcvt does not run in a {type(new_executor).__name__}; add it to a "
+                "SingleThreadedExecutor, with other nodes or alone in a thread"
+            )
+        Node.executor.fset(self, new_executor)
+
+    def close(self) -> bool:
+        """End the threads and the process of the node; False when the disk does not answer.
+
+        Samples that wait for the disk are written first. A second call does nothing.
+        """
+        self._resources.close()
+        return self._written
+
+    # --- set-up -------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        """Take the parameters, lock the state folder, load the model, create the topics."""
         self._inputs = Inputs()
         self._ages = self._clock_of_ages()
         self._settings = parameters.declare(self)
         self._first_settings = self._settings
         folder = self._state_path()
-        self._public = PublicText(folder)
+        self._public = PublicText(folder, parameters.files(self._settings))
         self._lines = Log(self, self._public)
         self.guard = Guard(self, self._lines)
         self._follow_parameters()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
+        self._written = True  # what waited for the disk
         self._state = StateFolder(folder)
+        self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
         self._store = ModelStore(Path(model_file), folder)
         self._activity = Activity()
         self._log = self._recorder(folder)
+        self._resources.callback(self._close_log)
         self._last_output = -math.inf
         self._output_due = False
         self._served = self._store.in_service
@@ -151,7 +204,6 @@ class EfficiencyNode(Node):
             self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
         self._points = Tally(POINT_REASONS)
-        self._unwatched: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
         self.ticks = 0
         # The callback lives as long as the handle is held.
         self._jumps = self.get_clock().create_jump_callback(
@@ -169,6 +221,8 @@ class EfficiencyNode(Node):
             self._lines,
             self._public,
         )
+        self._resources.callback(self._service_handlers.close)
+        self._require_distinct_topics()
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
             TICK,
@@ -178,15 +232,8 @@ class EfficiencyNode(Node):
         self._announce()
         self._report_start()
 
-    def close(self) -> bool:
-        """End the thread and the process of the node; False when the thread waits for the disk."""
-        self._service_handlers.close()
-        self._maps.close()
-        written = self._log.close()
-        self._state.close()
-        return written
-
-    # --- set-up -------------------------------------------------------------------------------
+    def _close_log(self) -> None:
+        self._written = self._log.close()
 
     def _clock_of_ages(self) -> AgeClock:
         """Return the clock that ages follow; it is chosen at the start for good."""
@@ -225,7 +272,9 @@ class EfficiencyNode(Node):
             stages=bool(self._store.in_service.model.other_stages),
         )
         recorder = Recorder(
-            log, lambda text: self.guard.warn("bench_sample", text), self._state.gone
+            log,
+            lambda text: self.guard.warn("bench_sample", text),
+            lambda: self._state.trouble() or working_directory_trouble(),
         )
         if not self._state.writable:
             recorder.tally.expect(NOT_WRITTEN, self._state.complaint)
@@ -251,6 +300,7 @@ class EfficiencyNode(Node):
         self._maps = Maps(
             publisher(Float64MultiArray, "~/efficiency_map", qos.LATCHED).publish
         )
+        self._resources.callback(self._maps.close)
         self._diagnostics_publisher = publisher(
             DiagnosticArray, "/diagnostics", qos.DIAGNOSTICS
         )
@@ -262,6 +312,13 @@ class EfficiencyNode(Node):
                 **qos.overridable(qos.INPUT),
                 event_callbacks=no_events,
             )
+        self.create_subscription(
+            Float64,
+            OIL_TEMPERATURE.name,
+            self.guard.callback(self._on_oil_temperature),
+            **qos.overridable(qos.INPUT),
+            event_callbacks=no_events,
+        )
         self.create_subscription(
             String,
             "stage",
@@ -276,6 +333,21 @@ class EfficiencyNode(Node):
             "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
         )
 
+    def _require_distinct_topics(self) -> None:
+        """Refuse remappings by which the node would answer itself, or take one input for two.
+
+        Raises:
+            InputError: two of its topics have the same name.
+        """
+        used = [publisher.topic_name for publisher in self.publishers]
+        used += [subscription.topic_name for subscription in self.subscriptions]
+        for name in used:
+            if used.count(name) > 1:
+                raise InputError(
+                    f"{name} is the name of {used.count(name)} topics of the node, which would "
+                    "answer itself or take one message for two; remap each to another name"
+                )
+
     def _subscribe_raw(
         self, topic: str, callback: Callable[..., None], profile: Any, events: Any
     ) -> None:
@@ -289,12 +361,33 @@ class EfficiencyNode(Node):
             event_callbacks=events,
         )
 
+    def _graph_warnings(self) -> list[str]:
+        """Return what the peers of the node show to be wrong."""
+        warnings = []
+        for name, item in self._inputs.by_name.items():
+            publishers = self.count_publishers(self.resolve_topic_name(name))
+            if item.stamp is None and publishers:
+                warnings.append(
+                    f"{name}: nothing comes from {publishers} publisher(s); does their quality of "
+                    "service fit that of qos_overrides?"
+                )
+        if self.get_parameter("use_sim_time").value:
+            clocks = self.count_publishers(self.resolve_topic_name(CLOCK_TOPIC))
+            if clocks > 1:
+                warnings.append(
+                    f"{clocks} publishers on {CLOCK_TOPIC}: time may jump to and fro"
+                )
+        return warnings
+
     def _report_start(self) -> None:
         # ROS ignores misspelt names without a warning.
-        for name in sorted(self._parameter_overrides):
-            if not self.has_parameter(name):
-                self._lines.warning(f"parameter {name} is unknown and has no effect")
+        self._unknown_parameters = [
+            f"parameter {name} is unknown and has no effect"
+            for name in sorted(self._parameter_overrides)
+            if not self.has_parameter(name)
+        ]
         for complaint in (
+            *self._unknown_parameters,
             self._state.complaint,
             self._store.complaint,
             self._log.complaint,
@@ -318,7 +411,7 @@ class EfficiencyNode(Node):
         self._settings = parameters.after(before, self)
         if self._settings.engine_speed_limits != before.engine_speed_limits:
             self._want_map()
-        limits = parameters.changed_limits(before, self._settings)
+        limits = parameters.changes(before, self._settings, limits_only=True)
         if limits:
             self._lines.warn("limits", f"limits changed: {limits}")
 
@@ -381,7 +474,7 @@ class EfficiencyNode(Node):
         point = self._point(now)
         served = self._engaged()
         if point is not None and served is not None:
-            self._outputs.answer(served, point, self._settings)
+            self._outputs.answer(served, point, self._settings, self._oil(now))
             if self._outputs.refusal:
                 self.guard.warn("no answer", self._outputs.refusal)
         else:
@@ -393,15 +486,36 @@ class EfficiencyNode(Node):
         if rate > 0.0:
             self._last_output = time.monotonic()
 
+    def _oil(self, now: int) -> float | None:
+        """Return the oil temperature [deg C]; None where it is unknown or does not matter."""
+        if not self._needs_oil():
+            return None
+        return self._inputs.oil_temperature(now, self._settings.oil_age_limit)
+
+    def _needs_oil(self) -> bool:
+        served = self._engaged()
+        return served is not None and depends_on_oil(served.model)
+
+    def _on_oil_temperature(self, message: Float64, info: Mapping[str, int]) -> None:
+        arrival = self._ages.arrival(info["received_timestamp"])
+        oil = self._inputs.oil
+        if not oil.take(message.data, arrival):
+            self.guard.warn("oil_temperature", oil.tally.complaint)
+
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         arrival = self._ages.arrival(info["received_timestamp"])
         age = (arrival.now - arrival.received) * NANOSECONDS
         message = JointState()
         point = None
+        oil = self._oil(arrival.now)
         try:
             with _invalid_point():
                 message = messages.joint_state(raw)
                 point = messages.point_from_message(message, self._points)
+                stated = messages.oil_temperature_of(message)
+                if stated is not None:
+                    self._inputs.oil.take(stated, arrival)
+                    oil = stated if self._needs_oil() else None
             self._require_answerable(age)
         except _PointError as error:
             point = None
@@ -424,6 +538,7 @@ class EfficiencyNode(Node):
             point,
             self._settings,
             stage_known=served is not None,
+            oil_temperature=oil,
         )
 
     def _require_answerable(self, age: float) -> None:
@@ -444,16 +559,18 @@ class EfficiencyNode(Node):
         try:
             message = messages.joint_state(raw)
             now = self.get_clock().now().nanoseconds * NANOSECONDS
-            sample = messages.bench_sample_from_message(message, now, self._log.tally)
+            oil = self._inputs.oil_temperature(
+                self._ages.now(), self._settings.oil_age_limit
+            )
+            sample = messages.bench_sample_from_message(
+                message, now, self._log.tally, oil
+            )
             if self._served.model.other_stages:
                 stage = self._stage_of_sample(message.header.frame_id)
-                sample = replace(sample, extra={"stage": (stage,)})
+                sample = replace(sample, extra={**sample.extra, "stage": (stage,)})
+            self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
-            return
-        self._log.submit(sample)
-        # The watch has one noise for all samples.
-        self._unwatched.append(replace(sample, efficiency_std=None))
 
     def _stage_of_sample(self, frame: str) -> str:
         """Return the stage of a bench sample: of its `frame_id`, else the one engaged.
@@ -539,14 +656,25 @@ class EfficiencyNode(Node):
         self._watch_samples()
         name = self.get_fully_qualified_name().strip("/")
         now = self._ages.now()
-        warnings = [self._ages.complaint, self._inputs.apart_reason]
+        warnings = [
+            self._ages.complaint,
+            self._inputs.apart_reason,
+            *self._unknown_parameters,
+            *self._graph_warnings(),
+        ]
         if self._engaged() is None:
             warnings.append(self._without_stage())
+        if self._needs_oil() and self._oil(now) is None:
+            warnings.append(
+                "oil_temperature: unknown, and the model depends on it; answers are for "
+                f"{ASSUMED_OIL:g} deg C"
+            )
         counts = {
             "points answered": self._outputs.answered,
             "points not answered, coasting": self._inputs.coasting,
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
+            "oil temperature [deg C]": self._oil_in_words(now),
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
             "requests contained": self.guard.contained,
         }
@@ -571,7 +699,8 @@ class EfficiencyNode(Node):
                 self._log,
                 self._point(now),
                 self._outputs.refusal,
-                parameters.changed_limits(self._first_settings, self._settings),
+                self._first_settings,
+                self._settings,
             ),
             gap_status(name, self._public, self._watch.found),
         ]
@@ -579,9 +708,16 @@ class EfficiencyNode(Node):
         self._inputs.apart_reason = ""
         self._inputs.asked = None
 
+    def _oil_in_words(self, now: int) -> str:
+        oil = self._inputs.oil_temperature(now, self._settings.oil_age_limit)
+        return "unknown" if oil is None else f"{oil:.1f}"
+
     def _watch_samples(self) -> None:
         """Give the watch on the gap some of the samples that came."""
-        count = min(len(self._unwatched), WATCHED_AT_ONCE)
-        if count:
-            samples = [self._unwatched.popleft() for _ in range(count)]
-            self._watch.take(joined(samples))
+        news = self._log.news
+        samples = []
+        for _ in range(min(len(news), WATCHED_AT_ONCE)):
+            # The watch has one noise for all samples.
+            samples.append(replace(news.popleft(), efficiency_std=None))
+        for _, alike in itertools.groupby(samples, _columns):
+            self._watch.take(joined(list(alike)))

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from hmcvt_core import EfficiencyModel, Engine
-from hmcvt_core.interface import Controller, Drive, Vehicle
+from hmcvt_core.interface import HOLDS, Controller, Drive, Vehicle
 
 from . import qos
 from .inputs import OperatingPoint
@@ -24,8 +25,17 @@ ADVICE = (
     "optimal_displacement_ratio",
     "optimal_engine_speed",
     "fuel_rate",
+    "hold",
 )
-"""Names in `advice`; the fuel rate is that of the point asked, NaN without an engine."""
+"""Names in `advice`. The fuel rate is that of the point asked, NaN without an engine. `hold` is the
+position of `optimum_hold` in `HOLDS`: 0 engine_speed, 1 output_speed."""
+ASSUMED_OIL = 60.0
+"""Oil temperature of a model where none is known [deg C]."""
+# Chosen by us: the oil of a tractor at work has 35 to 85 deg C.
+UNKNOWN_OIL_RANGE = 25.0
+"""How far from `ASSUMED_OIL` an oil temperature that is not known may be, at 95 % [K]."""
+_QUANTILE = 1.96
+"""Of the normal distribution at 95 %, two-sided."""
 UNKNOWN_STAGE = "unknown"
 """Stage in the `frame_id` of `advice` where the model has several and none of them is engaged."""
 
@@ -108,16 +118,29 @@ class Outputs:
         # Most often the question is that of the last time, on the topics and in the advice.
         self._best = functools.lru_cache(2)(_best)
 
-    def answer(self, served: Served, point: OperatingPoint, settings: Settings) -> None:
-        """Publish the answer of the model at an operating point."""
-        efficiency = served.model.efficiency(*point)
+    def answer(
+        self,
+        served: Served,
+        point: OperatingPoint,
+        settings: Settings,
+        oil_temperature: float | None = None,
+    ) -> None:
+        """Publish the answer of the model at an operating point.
+
+        Args:
+            served: what answers.
+            point: operating point.
+            settings: parameters of the node.
+            oil_temperature: [deg C]; None where it is not known, or does not matter.
+        """
+        efficiency = served.model.efficiency(*point, oil_temperature)
         # At once: the optimum takes longer to find.
         _publish(self._efficiency, efficiency, settings)
         if math.isfinite(efficiency):
             self.answered += 1
             self.refusal = ""
         else:
-            self.refusal = served.model.refusal(*point) or ""
+            self.refusal = served.model.refusal(*point, oil_temperature) or ""
         best = self._best(_question(served, point, settings))
         _publish(self._stroke, best.displacement_ratio, settings)
         _publish(self._speed, best.engine_speed, settings)
@@ -136,6 +159,7 @@ class Outputs:
         point: OperatingPoint | None,
         settings: Settings,
         stage_known: bool = True,
+        oil_temperature: float | None = None,
     ) -> None:
         """Answer a message on `operating_point`.
 
@@ -145,24 +169,32 @@ class Outputs:
             point: operating point in the message; None for an answer of NaN.
             settings: parameters of the node.
             stage_known: whether the stage engaged is a stage of the model.
+            oil_temperature: [deg C]; None where it is not known, or does not matter.
         """
         values = [math.nan] * len(ADVICE)
         if point is not None:
-            values = self._advice_values(served, point, settings)
+            values = self._advice_values(served, point, settings, oil_temperature)
         stage = served.model.stage.name if stage_known else UNKNOWN_STAGE
         answer = JointState(header=message.header, name=list(ADVICE), position=values)
         answer.header.frame_id = f"{served.transmission.fingerprint}:{stage}"
         self._advice.publish(answer)
 
     def _advice_values(
-        self, served: Served, point: OperatingPoint, settings: Settings
+        self,
+        served: Served,
+        point: OperatingPoint,
+        settings: Settings,
+        oil_temperature: float | None,
     ) -> list[float]:
         model = served.model
-        prediction = model.predict(*point)
+        prediction = model.predict(*point, oil_temperature)
+        deviation = prediction.standard_error
+        if oil_temperature is None and depends_on_oil(model):
+            deviation = math.hypot(deviation, _std_of_unknown_oil(model, point))
         extrapolated = math.nan
         if model.domain is not None:
             extrapolated = float(not prediction.inside_domain)
-        loss = model.power_loss(*point)
+        loss = model.power_loss(*point, oil_temperature)
         fuel_rate = math.nan
         if served.engine is not None:
             engine_torque = point.load_torque + loss / point.engine_speed
@@ -170,13 +202,43 @@ class Outputs:
         best = self._best(_question(served, point, settings))
         return [
             prediction.efficiency,
-            prediction.standard_error,
+            deviation,
             extrapolated,
             loss,
             best.displacement_ratio,
             best.engine_speed,
             fuel_rate,
+            float(HOLDS.index(settings.optimum_hold)),
         ]
+
+
+@functools.lru_cache(32)
+def depends_on_oil(model: EfficiencyModel) -> bool:
+    """Whether the answers of a model of one stage depend on the oil temperature."""
+    strokes, speeds, torques = np.meshgrid(
+        (-0.5, 0.5, 1.0), (100.0, 200.0), (50.0, 300.0)
+    )
+    answers = [
+        model.efficiency(strokes, speeds, torques, temperature)
+        for temperature in (
+            None,
+            ASSUMED_OIL - UNKNOWN_OIL_RANGE,
+            ASSUMED_OIL + UNKNOWN_OIL_RANGE,
+        )
+    ]
+    return any(
+        not np.array_equal(answers[0], other, equal_nan=True) for other in answers
+    )
+
+
+def _std_of_unknown_oil(model: EfficiencyModel, point: OperatingPoint) -> float:
+    """Return the standard deviation of an efficiency, of an oil temperature that is not known."""
+    assumed = model.efficiency(*point)
+    changes = []
+    for step in (-UNKNOWN_OIL_RANGE, UNKNOWN_OIL_RANGE):
+        changed = model.efficiency(*point, ASSUMED_OIL + step)
+        changes.append(abs(changed - assumed))
+    return float(np.max(changes)) / _QUANTILE  # NaN where one has no answer
 
 
 def _question(served: Served, point: OperatingPoint, settings: Settings) -> _Question:

@@ -47,6 +47,10 @@ SHORTEST_TIMEOUT = 0.01
 LONGEST_TIMEOUT = 60.0
 """Limits of the age limits of the inputs [s]."""
 
+SLOWEST_RATE = 1.0
+"""Lowest limit to the rate of the outputs [Hz], that of the diagnostics: below it a limit that
+anyone on the network sets would amount to silence."""
+
 SILENCE = "silence"
 NAN = "nan"
 """What the outputs do where there is no answer."""
@@ -224,6 +228,13 @@ class Settings:
     input_timeouts_displacement_ratio: float = _input_timeout(DISPLACEMENT_RATIO)
     input_timeouts_engine_speed: float = _input_timeout(ENGINE_SPEED)
     input_timeouts_load_torque: float = _input_timeout(LOAD_TORQUE)
+    oil_temperature_timeout: float = _parameter(
+        30.0,
+        "Age at which oil_temperature is stale and counts as unknown.",
+        (SHORTEST_TIMEOUT, 3600.0),
+        "s",
+        protects=True,
+    )
     max_input_skew: float = _parameter(
         0.0,
         "Time between the oldest and the newest of the three inputs beyond which there is no "
@@ -240,8 +251,8 @@ class Settings:
     )
     max_output_rate: float = _parameter(
         0.0,
-        "Limit to the rate of the outputs by the wall clock, the last input is always "
-        "answered; 0 answers every arrival.",
+        "Limit to the rate of the outputs by the wall clock, at least 1 Hz, the last input is "
+        "always answered; 0 answers every arrival.",
         (0.0, 1000.0),
         "Hz",
     )
@@ -360,6 +371,11 @@ class Settings:
             declaration.check(getattr(self, _field(declaration.name)))
         self._check_timeouts()
         self._check_map()
+        if 0.0 < self.max_output_rate < SLOWEST_RATE:
+            raise InputError(
+                f"max_output_rate = {self.max_output_rate:g}; needs 0 for every arrival, or at "
+                f"least {SLOWEST_RATE:g} Hz"
+            )
 
     def _check_timeouts(self) -> None:
         for name, timeout in self.input_timeouts.items():
@@ -399,6 +415,11 @@ class Settings:
             or self.input_timeout
             for limits in INPUT_RANGES
         }
+
+    @cached_property
+    def oil_age_limit(self) -> int:
+        """Age limit of the oil temperature [ns]."""
+        return _nanoseconds(self.oil_temperature_timeout)
 
     @cached_property
     def age_limits(self) -> AgeLimits:
@@ -471,7 +492,7 @@ def declare(node: Node) -> Settings:
             node._parameter_overrides[name] = Parameter(name, value=NAN)
         if declaration.is_path and isinstance(given, str) and given:
             # Everyone on the network can read parameters.
-            paths[name] = given
+            paths[name] = _expanded(name, given)
             node._parameter_overrides[name] = Parameter(name, value=Path(given).name)
         try:
             descriptor = declaration.descriptor(limits_at_run_time)
@@ -485,6 +506,20 @@ def declare(node: Node) -> Settings:
     return replace(current(node), **paths)
 
 
+def _expanded(name: str, path: str) -> str:
+    """Return a path with the home folder in place of `~`, which a shell leaves after `:=`.
+
+    Raises:
+        InputError: there is no such home folder.
+    """
+    try:
+        return str(Path(path).expanduser()) if path.startswith("~") else path
+    except RuntimeError:
+        raise InputError(
+            f"parameter {name} = {path!r}: ~ names no home folder"
+        ) from None
+
+
 def after(settings: Settings, node: Node) -> Settings:
     """Return the settings that a node holds after changes to some; files stay."""
     paths = {
@@ -495,15 +530,31 @@ def after(settings: Settings, node: Node) -> Settings:
     return replace(current(node), **paths)
 
 
-def changed_limits(start: Settings, now: Settings) -> str:
-    """Return which limits that protect the node differ from those at the start, in words."""
-    changes = []
+def files(settings: Settings) -> list[str]:
+    """Return the paths that the settings name."""
+    paths = [
+        getattr(settings, declaration.name)
+        for declaration in PARAMETERS
+        if declaration.is_path
+    ]
+    return [path for path in paths if path]
+
+
+def changes(start: Settings, now: Settings, limits_only: bool = False) -> str:
+    """Return which parameters differ from those at the start, in words.
+
+    Args:
+        start: settings at the start.
+        now: present settings.
+        limits_only: whether to look at the limits that protect the node only.
+    """
+    changed = []
     for declaration in PARAMETERS:
         before = getattr(start, _field(declaration.name))
         value = getattr(now, _field(declaration.name))
-        if declaration.protects and value != before:
-            changes.append(f"{declaration.name} {before} -> {value}")
-    return "; ".join(changes)
+        if value != before and (declaration.protects or not limits_only):
+            changed.append(f"{declaration.name} {before} -> {value}")
+    return "; ".join(changed)
 
 
 def _is_nan(value: Any) -> bool:

@@ -6,7 +6,9 @@ name files as within the state folder. Texts from the network may hold line brea
 which would forge lines of a log.
 """
 
+import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 _FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"',;:]+)+/""")
@@ -29,11 +31,22 @@ def printable(text: str) -> str:
 class PublicText:
     """Names files as within the state folder: where that is, is not disclosed."""
 
-    def __init__(self, folder: Path) -> None:
-        """Take the path of the state folder."""
-        self._folders = tuple(
-            f"{path}/" for path in {folder, folder.absolute(), folder.resolve()}
-        )
+    def __init__(self, folder: Path, files: Iterable[str] = ()) -> None:
+        """Take the paths that texts may name.
+
+        Args:
+            folder: state folder.
+            files: other files of the node. Their folders are known here also where they hold
+                spaces, which end a path in a text.
+        """
+        home = os.path.expanduser("~")
+        paths = [folder, Path(home), *map(Path, files)]
+        folders = set[str]()
+        for path in paths:
+            for form in (path.absolute(), path.resolve()):
+                folders.update(f"{each}/" for each in (form, *form.parents))
+        # The root alone is no folder worth hiding, and "/" stands in many texts.
+        self._folders = sorted(folders - {"//"}, key=len, reverse=True)
 
     def __call__(self, text: str) -> str:
         """Return a text without folders of absolute paths and without control characters."""

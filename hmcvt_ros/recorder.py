@@ -46,6 +46,8 @@ class Recorder:
         log: log on disk.
         numbers: numbers of the messages with the samples.
         tally: what became of the samples.
+        repeats: count of samples that had been logged before, with the same stamp and values.
+        news: samples that came and were no repeats, for a reader that takes them away.
     """
 
     def __init__(
@@ -61,10 +63,12 @@ class Recorder:
         self.log = log
         self.numbers = Numbers()
         self.tally = Tally(BENCH_REASONS)
+        self.repeats = 0
+        self.news: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
         self._warn = warn
         self._look = look
         self._missed_before = 0  # missed before this log was begun
-        self._waiting: deque[bytes] = deque()
+        self._waiting: deque[tuple[bytes, BenchSamples]] = deque()
         self._thread = ThreadPoolExecutor(1, "storage")
         self._trouble = ""  # with the disk
         self._ask_disk()
@@ -94,14 +98,19 @@ class Recorder:
         if silence > _HANGING:
             self._trouble = f"the disk has not answered for {silence:.0f} s"
 
-    def submit(self, samples: BenchSamples) -> None:
-        """Take samples; they are on disk later."""
-        if len(self._waiting) + len(samples) > MOST_WAITING:
+    def submit(self, sample: BenchSamples) -> None:
+        """Take one sample; it is on disk later.
+
+        Raises:
+            InputError: as of `rows_of`.
+        """
+        if len(self._waiting) >= MOST_WAITING:
             self.refuse(
                 BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk"
             )
             return
-        self._waiting.extend(rows_of(samples))
+        (row,) = rows_of(sample)
+        self._waiting.append((row, sample))
         self.call(self._write)
 
     def refuse(self, reason: str, complaint: str) -> None:
@@ -136,18 +145,30 @@ class Recorder:
         self._warn(complaint)
 
     def _write(self) -> None:
-        rows = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if not rows:
+        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        if not waiting:
             return  # they were written together with earlier ones
+        rows = [row for row, _ in waiting]
         try:
             written = self.log.write(rows)
         except Exception as error:  # of any kind: every sample must be accounted for
             self._refuse(NOT_WRITTEN, f"bench log: {error}", len(rows))
+            self.news.extend(sample for _, sample in waiting)
             return
-        if written:
-            self.tally.accept(written)
-        if written < len(rows):
-            self._refuse(FULL, self.log.full, len(rows) - written)
+        for position, (_, sample) in enumerate(waiting):
+            if position not in written.repeats:
+                self.news.append(sample)
+        if written.repeats:
+            self.repeats += len(written.repeats)
+            self._warn(
+                f"bench_sample: {len(written.repeats)} were logged before, with the same stamp "
+                "and values, and count once"
+            )
+        if written.logged:
+            self.tally.accept(written.logged)
+        refused = len(rows) - written.logged - len(written.repeats)
+        if refused:
+            self._refuse(FULL, self.log.full, refused)
 
 
 class Numbers:

@@ -20,6 +20,7 @@ from hmcvt_core import EfficiencyModel, HmcvtError, InputError
 from hmcvt_core.interface import plain
 
 from . import jobs, qos
+from .bench_log import require_intact
 from .diagnostics import Activity, Job, Staged, gap_values
 from .guard import Budget, Log
 from .model_store import ModelStore, utc_now
@@ -370,18 +371,19 @@ class Services:
         """Return the file with the samples of a job, checked."""
         name = self._settings().samples_file
         log = self._log.log
-        if not name:
+        folder = self._folder.resolve()
+        path = (folder / name).resolve()
+        if not name or path == log.path.resolve():
             log.check()
             if not len(log):
                 raise InputError("no bench samples logged yet (topic bench_sample)")
             return log.path
-        folder = self._folder.resolve()
-        path = (folder / name).resolve()
         # Parameters can be set from the network: they must not reach files elsewhere.
         if not path.is_relative_to(folder):
             raise InputError(f"samples_file = {name!r} lies outside the state folder")
         if path.exists() and not path.is_file():  # reading it might never end
             raise InputError(f"samples_file = {name!r} is no regular file")
+        require_intact(path)
         return path
 
     async def _adopted(self, refit: Staged, accepted: bool) -> Data:

@@ -8,21 +8,33 @@ node follows no link in it, and it removes only files that it wrote itself, by n
 import contextlib
 import errno
 import fcntl
+import json
 import os
 import re
-import time
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from hmcvt_core import InputError
-from hmcvt_core.interface import make_folder, numbered, remove_leftovers
+from hmcvt_core.interface import (
+    make_folder,
+    numbered,
+    remove_leftovers,
+    write_atomically,
+)
 
-KEPT_FOR = 30 * 86_400.0
-"""Age up to which nothing that was written is removed [s]; chosen by us."""
+KEPT_STARTS = 30
+"""Starts of the node within which nothing that was written is removed; chosen by us. Ages count in
+starts, because the clock of a machine may be wrong by years."""
+_STARTS = "starts.json"
+"""File with the highest numbers of the files that each of the last starts found."""
+_NUMBERED = re.compile(r"(.*?)(\d+)[.]\w+")
+"""Name of a numbered file: what it begins with, and its number."""
 KEPT_FILES = 1000
 KEPT_BYTES = 100 << 20
 """Files of one kind beyond which the oldest are removed, or no more are written."""
+_STATE_BYTES = 1 << 20
+"""Largest size of a file that keeps the state; 500 versions take 60 kB."""
 _BLOCK = 4096
 """Space that a small file takes on a disk [bytes]."""
 _MARK_WITHIN = 65_536
@@ -38,7 +50,7 @@ class StateFolder:
     Attributes:
         path: path of the folder.
         writable: whether anything can be kept in it, as far as can be seen at the start.
-        complaint: what is wrong with it, as a sentence; empty when nothing.
+        complaint: what is wrong with it at the start, as a sentence; empty when nothing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -50,6 +62,7 @@ class StateFolder:
         self.path = path
         self.writable = False
         self.complaint = ""
+        self._unlocked = ""
         self._handle: int | None = None
         try:
             make_folder(path)
@@ -69,17 +82,19 @@ class StateFolder:
             for folder in path.iterdir():
                 if folder.is_dir() and not folder.is_symlink():
                     remove_leftovers(folder)
+            self._count_start()
 
-    def gone(self) -> str:
-        """Return a complaint if the folder was removed or replaced; empty otherwise.
+    def trouble(self) -> str:
+        """Return what is wrong with the folder now; empty when nothing.
 
-        Another node may lock the folder that took its name.
+        It was removed or replaced, so that another node may lock the one that took its name; or it
+        cannot be locked.
         """
         with contextlib.suppress(OSError):
             if self._handle is None or os.path.samestat(
                 os.fstat(self._handle), self.path.lstat()
             ):
-                return ""
+                return self._unlocked
         return (
             f"state_folder: {self.path} was removed or replaced; start the node again"
         )
@@ -89,6 +104,15 @@ class StateFolder:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+
+    def _count_start(self) -> None:
+        """Note which files are there at this start, so that their ages can be counted."""
+        # Without it all files count as recent, and nothing is removed.
+        with contextlib.suppress(OSError):
+            require_no_link(self.path / _STARTS)
+            starts = [*_starts(self.path), _highest_numbers(self.path)]
+            text = json.dumps(starts[-KEPT_STARTS - 1 :])
+            write_atomically(self.path / _STARTS, f"{text}\n")
 
     def _lock(self, handle: int) -> None:
         try:
@@ -101,10 +125,11 @@ class StateFolder:
             ) from None
         except OSError as error:
             # Some network file systems cannot lock; that is no reason not to serve.
-            self.complaint = (
+            self._unlocked = (
                 f"state_folder: {self.path} cannot be locked ({error.strerror}); "
                 "make sure that no other node uses it"
             )
+            self.complaint = self._unlocked
 
 
 @dataclass(frozen=True)
@@ -135,6 +160,31 @@ MODELS = Series(r"\d{4,}\.yaml", (b"schema: hmcvt-model/", b"source: hmcvt refit
 PAGES = Series(r"\d{4,}\.html", (b"<!DOCTYPE html>",))
 PAGE_DATA = Series(r"\d{4,}\.json", (b'"verdict":',))
 """Pages of diagnoses and their data, in `reports`."""
+
+
+def working_directory_trouble() -> str:
+    """Return what is wrong with the working directory; empty when nothing."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return (
+            "the working directory was removed: files with relative names and the processes of "
+            "refits and diagnoses cannot be found; start the node in another one"
+        )
+    return ""
+
+
+def read_small(path: Path) -> str:
+    """Return the text of a file that the node wrote to keep its state.
+
+    Raises:
+        ValueError: it is much longer than the node writes it, or no text.
+        OSError: it cannot be read.
+    """
+    size = path.stat().st_size
+    if size > _STATE_BYTES:
+        raise ValueError(f"{size} bytes; allowed are {_STATE_BYTES}")
+    return path.read_text(encoding="utf-8")
 
 
 def require_no_link(path: Path) -> None:
@@ -174,10 +224,54 @@ def next_name(
     return folder / f"{number:04d}"
 
 
+def is_old(path: Path) -> bool:
+    """Whether a numbered file of a state folder was there `KEPT_STARTS` starts ago."""
+    match = _NUMBERED.fullmatch(path.name)
+    if match is None:
+        return False
+    folder = path.parent
+    root = folder if (folder / _STARTS).is_file() else folder.parent
+    starts = _starts(root)
+    if len(starts) <= KEPT_STARTS:
+        return False
+    key = f"{folder.relative_to(root)}/{match[1]}"
+    return int(match[2]) <= starts[-KEPT_STARTS - 1].get(key, 0)
+
+
+def _highest_numbers(root: Path) -> dict[str, int]:
+    """Return the highest numbers of files in a state folder, by the beginnings of paths."""
+    folders = [root]
+    for path in root.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            folders.append(path)
+    highest: dict[str, int] = {}
+    for folder in folders:
+        for path in folder.iterdir():
+            match = _NUMBERED.fullmatch(path.name)
+            if match:
+                key = f"{folder.relative_to(root)}/{match[1]}"
+                highest[key] = max(highest.get(key, 0), int(match[2]))
+    return highest
+
+
+def _starts(root: Path) -> list[dict[str, int]]:
+    """Return the highest numbers that each of the last starts found; empty where not known."""
+    try:
+        starts = json.loads(read_small(root / _STARTS))
+    except (OSError, ValueError, RecursionError):
+        return []
+    intact = isinstance(starts, list) and all(
+        isinstance(start, dict)
+        and all(isinstance(number, int) for number in start.values())
+        for start in starts
+    )
+    return starts if intact else []
+
+
 def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> None:
     """Remove the oldest files of a series while they are too many or too large.
 
-    Only files older than `KEPT_FOR` are removed: a flood of requests must not push out what was
+    Only files that are old are removed (`is_old`): a flood of requests must not push out what was
     written before it.
 
     Raises:
@@ -187,14 +281,14 @@ def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> Non
     for entry in os.scandir(folder):
         if entry.is_file(follow_symlinks=False) and series.has(entry.name):
             files.append((entry.stat(follow_symlinks=False), Path(entry.path)))
-    files.sort(key=lambda file: file[0].st_mtime)
+    # By number, of which names of a series have one; the clock may have been wrong.
+    files.sort(key=lambda file: (len(file[1].name), file[1].name))
     count = len(files)
     size = sum(max(status.st_size, _BLOCK) for status, _ in files)
-    oldest_kept = time.time() - KEPT_FOR
     for status, path in files:
         if count < KEPT_FILES and size < KEPT_BYTES:
             return
-        if status.st_mtime > oldest_kept:
+        if not is_old(path):
             break
         if path.name in spared or not series.wrote(path):
             continue
@@ -205,6 +299,6 @@ def make_room(folder: Path, series: Series, spared: Collection[str] = ()) -> Non
         raise OSError(
             errno.ENOSPC,
             f"holds {count} files like it, {size >> 20} MiB, and removes none of the last "
-            f"{KEPT_FOR / 86_400.0:.0f} days; remove some by hand",
+            f"{KEPT_STARTS} starts; remove some by hand",
             str(folder),
         )

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.process import BaseProcess
+from multiprocessing import parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,30 @@ _FIRST_OUT_OF_MEMORY = "1000"
 """Score of the process that Linux ends first where memory runs out."""
 
 
+class _Context(SpawnContext):
+    """Spawns processes and remembers them: other children of this program are not ours.
+
+    Attributes:
+        processes: processes that were started.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.processes: list[SpawnProcess] = []
+
+    def Process(self, *arguments: Any, **options: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802
+        """Create a process; the pool calls this."""
+        process = SpawnProcess(*arguments, **options)
+        self.processes.append(process)
+        return process
+
+
 class Worker:
-    """An executor of one process, replaced when it has died; the only child of this process."""
+    """An executor of one process, replaced when it has died."""
 
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
-        self._processes: list[BaseProcess] = []
+        self._processes: list[SpawnProcess] = []
 
     def submit(
         self, job: Callable[..., Any], memory: int, **options: Any
@@ -51,7 +69,9 @@ class Worker:
             OSError: no process can be started.
         """
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+            context = _Context()
+            self._processes = context.processes
+            self._pool = ProcessPoolExecutor(1, context, _begin)
         try:
             return self._pool.submit(_limited, job, memory, options)
         except BrokenProcessPool:  # it died while it was idle
@@ -60,17 +80,19 @@ class Worker:
         except OSError:
             self.kill()
             raise
-        finally:
-            self._processes = active_children() or self._processes
 
     @property
     def exit_status(self) -> int | None:
         """How the process ended, negative by a signal; None while it runs."""
-        for process in self._processes:
+        for process in self._started:
             process.join(timeout=1.0)
-        for process in self._processes:
             return process.exitcode
         return None
+
+    @property
+    def _started(self) -> list[SpawnProcess]:
+        """The processes that were started, as opposed to those that could not be."""
+        return [process for process in self._processes if process.pid is not None]
 
     @property
     def stopped(self) -> bool:
@@ -78,7 +100,7 @@ class Worker:
         with suppress(ChildProcessError):  # it has just ended
             return any(
                 os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
-                for process in self._processes
+                for process in self._started
                 if process.pid and process.is_alive()
             )
         return False
@@ -92,7 +114,7 @@ class Worker:
                 closed (CPython's `_python_exit`). A process that a dead disk holds does not even
                 die of a kill, and its thread is not waited for.
         """
-        for process in self._processes:
+        for process in self._started:
             process.kill()
         if self._pool is not None:
             dead = self.exit_status is not None if wait else False

@@ -300,7 +300,8 @@ def start_anywhere(
 ) -> Iterator[Callable[..., NodeUnderTest]]:
     """Start a node with parameters, in a namespace of its own, and wait until it answers.
 
-    `launcher` are the words of a command that goes before that of the node.
+    `launcher` are the words of a command that goes before that of the node, `arguments` further
+    ROS arguments.
     """
     started = ExitStack()
     boost = Boost()
@@ -310,6 +311,7 @@ def start_anywhere(
         model_file: Path,
         state: Path | None = None,
         launcher: tuple[str, ...] = (),
+        arguments: tuple[str, ...] = (),
         **parameters: Any,
     ) -> NodeUnderTest:
         folder = tmp_path_factory.mktemp("node")
@@ -327,7 +329,7 @@ def start_anywhere(
                     *launcher,
                     *command(
                         *(f"{name}:={value}" for name, value in given.items()),
-                        arguments=("-r", f"__ns:={namespace}"),
+                        arguments=("-r", f"__ns:={namespace}", *arguments),
                     ),
                 ],
                 stdout=log,

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preloaded into a node: its clock is set, its main thread stalls, its disk is slow, as a file says. */
+/* Preloaded into a node: its clock is set, its main thread stalls, its disk is slow, as a file says, or it has no locks. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <stdint.h>
@@ -60,6 +61,15 @@ static int slow(const char *name, int file) {
 
 int fsync(int file) { return slow("fsync", file); }
 int fdatasync(int file) { return slow("fdatasync", file); }
+
+/* A file system without locks, as some network file systems are. */
+int flock(int file, int operation) {
+    if (getenv("SHIM_NO_LOCKS")) {
+        errno = ENOLCK;
+        return -1;
+    }
+    return syscall(SYS_flock, file, operation);
+}
 
 /* The kernel's clock stays: a deadline by the clock that was set is one of another time. */
 int pthread_cond_timedwait(pthread_cond_t *restrict condition, pthread_mutex_t *restrict mutex,

@@ -340,6 +340,11 @@ def test_advice_answers_each_operating_point_with_its_stamp(node, paper_file):
 
     found = advice(17)  # 250 N m x 80 rad/s at 100 rad/s: 200 N m
     assert found["efficiency"] == model.efficiency(*GOOD)
+    assert found["hold"] == 0.0  # engine_speed
+    assert node.set(optimum_hold="output_speed")[0].successful
+    assert advice(118)["hold"] == 1.0
+    assert node.set(optimum_hold="engine_speed")[0].successful
+    found = advice(119)
     assert found["power_loss"] == pytest.approx(20e3 / found["efficiency"] - 20e3)
     assert (
         found["optimal_displacement_ratio"]

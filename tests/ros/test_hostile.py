@@ -125,7 +125,8 @@ def test_rows_that_are_appended_again(node, base):
         file.writelines(lines[1:])
     node.player.send_sample(message(campaign(base, 9, 1), 8))
     assert node.comes(lambda: node.value("bench samples logged") == "9"), node.status()
-    assert node.reports(DiagnosticStatus.WARN, "8 damaged lines taken out")
+    words = "8 rows stood there more than once and count once"
+    assert node.reports(DiagnosticStatus.WARN, words), node.status()
     assert len(hmcvt.read_bench(node.bench_file)) == 9
 
 
@@ -267,6 +268,12 @@ def test_changed_limit_stands_in_the_diagnostics(start_node, paper_file):
         lambda: node.value("limits changed") == "input_timeout 0.5 -> 2.0"
     )
     assert node.says("limits changed: input_timeout 0.5 -> 2.0")
+    assert node.set(max_output_rate=5.0, optimum_hold="output_speed")[0].successful
+    changed = "max_output_rate 0.0 -> 5.0; optimum_hold engine_speed -> output_speed"
+    assert node.comes(lambda: changed in node.value("parameters changed"))
+    assert changed in node.status()["message"]
+    (slow,) = node.set(max_output_rate=1e-9)
+    assert not slow.successful and "at least 1 Hz" in slow.reason
 
 
 def test_levels_that_would_fill_a_disk_are_refused(node):
@@ -277,6 +284,17 @@ def test_levels_that_would_fill_a_disk_are_refused(node):
     )
     assert not refused.successful and "below info" in refused.reason
     assert taken.successful
+    for name, level, reason in (
+        ("any", 30, "'any' does not exist; there is"),
+        ("rcl", 50, "above error and would hide errors"),
+        (f"{node.namespace[1:]}.hmcvt", 50, "above error and would hide errors"),
+        ("", 40, "'' does not exist"),
+    ):
+        level = LoggerLevel(name=name, level=level)
+        (result,) = node.call(
+            srv.SetLoggerLevels, "set_logger_levels", levels=[level]
+        ).results
+        assert not result.successful and reason in result.reason
 
 
 NESTED = "[" * 3000 + "]" * 3000

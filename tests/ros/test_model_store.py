@@ -3,8 +3,6 @@
 
 import json
 import os
-import shutil
-import time
 from dataclasses import replace
 
 import pytest
@@ -100,27 +98,25 @@ def test_flipped_bits_of_the_state_are_noticed(paper_file, tmp_path):
     assert told > 0.9 * len(whole) / 3
 
 
-def test_state_of_version_0_1_is_taken_up(paper_file, base, tmp_path):
-    store = ModelStore(paper_file, tmp_path)
-    fingerprints = [refit(store, leakage) for leakage in (1e-12, 2e-12, 3e-12)]
-    (tmp_path / "in_service.json").write_text(
-        json.dumps(
-            {
-                "base": str(paper_file),
-                "base_fingerprint": base.fingerprint,
-                "in_service": ["0001.yaml", "0002.yaml", "0003.yaml"],
-            }
-        )
-    )
+def test_huge_state_is_not_read(paper_file, tmp_path):
+    with (tmp_path / "in_service.json").open("wb") as file:
+        file.truncate(1 << 40)  # a sparse file of 1 TB
+    assert "allowed are 1048576" in ModelStore(paper_file, tmp_path).complaint
+
+
+@pytest.mark.parametrize("key", ["checksum", "accepted", "fingerprints"])
+def test_state_without_its_checksum_is_not_taken_up_silently(
+    paper_file, base, tmp_path, key
+):
+    refit(ModelStore(paper_file, tmp_path), 1e-12)
+    path = tmp_path / "in_service.json"
+    state = json.loads(path.read_text())
+    del state[key]
+    path.write_text(json.dumps(state))
     again = ModelStore(paper_file, tmp_path)
-    assert (
-        again.in_service.model.fingerprint == fingerprints[2] and again.complaint == ""
-    )
-    assert again.revert().fingerprint == fingerprints[1]
-    shutil.copy(tmp_path / "models" / "0001.yaml", tmp_path / "models" / "0002.yaml")
-    third = ModelStore(paper_file, tmp_path)
-    assert third.in_service.model.fingerprint == fingerprints[0]
-    assert "0002.yaml: is not what was written" in third.complaint
+    assert again.in_service.model.fingerprint == base.fingerprint
+    assert "cannot be read or is damaged" in again.complaint
+    assert "its checksum is missing or does not match" in again.complaint
 
 
 def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
@@ -142,21 +138,22 @@ def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
     assert store.complaint == ""
 
 
-def aged(path, days):
-    """Make a file look older."""
-    stamp = time.time() - days * 86_400.0
-    os.utime(path, (stamp, stamp))
+def start_often(folder):
+    """Start in a state folder so often that all that is in it is old."""
+    for _ in range(state_folder.KEPT_STARTS + 1):
+        state_folder.StateFolder(folder).close()
 
 
 def test_all_recent_refits_can_be_reverted(paper_file, base, tmp_path, monkeypatch):
     monkeypatch.setattr(model_store, "MOST_VERSIONS", 25)
     store = ModelStore(paper_file, tmp_path)
-    served = [refit(store, 1e-12 + number * 1e-15) for number in range(25)]
+    served = [refit(store, 1e-12 + number * 1e-15) for number in range(2)]
+    start_often(tmp_path)
+    served += [refit(store, 1e-12 + number * 1e-15) for number in range(2, 25)]
+    # What is old gives way, but for the first, from which the drift counts.
+    served.append(refit(store, 8e-12))
     with pytest.raises(hmcvt.HmcvtError, match="25 models were put into service"):
         refit(store, 9e-12)
-    # What is old gives way, but for the first, from which the drift counts.
-    aged(tmp_path / "models" / "0002.yaml", 31)
-    served.append(refit(store, 8e-12))
     again = ModelStore(paper_file, tmp_path)
     assert again.in_service.model.fingerprint == served[-1] and again.complaint == ""
     assert again.reference.name == "0001.yaml"
@@ -251,6 +248,7 @@ def test_only_old_files_that_the_node_wrote_give_way(tmp_path, monkeypatch):
     monkeypatch.setattr(state_folder, "KEPT_FILES", 10)
     for number in range(1, 11):
         (tmp_path / f"{number:04d}.html").write_text("<!DOCTYPE html>")
+    os.utime(tmp_path / "0001.html", (0.0, 0.0))  # by a clock of 1970
     with pytest.raises(OSError, match="holds 10 files like it"):
         next_name(tmp_path, PAGES)
     mine = tmp_path / "0001.html"
@@ -260,10 +258,8 @@ def test_only_old_files_that_the_node_wrote_give_way(tmp_path, monkeypatch):
     link = tmp_path / "0002.html"
     link.unlink()
     link.symlink_to(target)
-    for name in ("0001.html", "0003.html", "0004.html", "0001.json"):
-        path = tmp_path / name
-        path.touch()
-        aged(path, 31)
+    (tmp_path / "0001.json").touch()
+    start_often(tmp_path)
     assert next_name(tmp_path, PAGES).name == "0011"
     assert mine.read_text() == "mine" and link.is_symlink() and target.exists()
     assert (tmp_path / "0001.json").exists() and (tmp_path / "0004.html").exists()
@@ -274,9 +270,9 @@ def test_files_that_are_too_large_together_give_way(tmp_path, monkeypatch):
     for number in range(1, 4):
         path = tmp_path / f"{number:04d}.html"
         path.write_text("<!DOCTYPE html>".ljust(40_000))
-        aged(path, 31)
+    start_often(tmp_path)
     next_name(tmp_path, PAGES)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
+    assert sorted(path.name for path in tmp_path.glob("*.html")) == [
         "0002.html",
         "0003.html",
     ]

@@ -159,7 +159,6 @@ def test_states_and_levels():
         DiagnosticStatus.OK: "OK",
         DiagnosticStatus.WARN: "WARN",
         DiagnosticStatus.ERROR: "ERROR",
-        DiagnosticStatus.STALE: "STALE",
     }
     assert {(state, level) for state, level, _ in table("state")} == {
         (state.value, names[level]) for state, level in LEVELS.items()

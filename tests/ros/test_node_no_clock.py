@@ -79,7 +79,7 @@ def test_missing_clock_is_a_warning_from_the_start(node):
 def test_ages_follow_the_wall_clock_without_a_clock(node):
     assert answers_to_old_inputs(node, 1.5) == 0
     assert node.reports(
-        DiagnosticStatus.STALE, COMPLAINT, "nothing received for", part="inputs"
+        DiagnosticStatus.WARN, COMPLAINT, "nothing received for", part="inputs"
     )
     assert node.player.hold(GOOD).efficiency is not None
     assert warns(node, COMPLAINT)

@@ -6,6 +6,8 @@ import itertools
 import math
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -239,6 +241,44 @@ def test_page_that_cannot_be_written_costs_the_page_only(
     answer = jobs.diagnose(hmcvt.data_path("data/table2.csv"), paper_file, 0, reports)
     assert answer["verdict"] == "within noise" and answer["report"] is None
     assert "reports" in answer["report_error"]
+
+
+def test_samples_of_a_bag_that_is_played_again_count_once(start_node, tmp_path):
+    path, model = tmp_path / "p.yaml", well_known()
+    hmcvt.save_model(model, path)
+    node = start_node(path, bench_noise=NOISE)
+    samples = stream(model, 0, "charge_pump", 0.0, samples=12)
+    for _ in range(8):
+        for i in range(len(samples)):
+            sent = message(samples, i)
+            sent.header.stamp.sec = 100 + i
+            node.player.send_sample(sent)
+        node.player.spin_for(0.1)
+    assert node.comes(lambda: node.value("bench samples repeated") == "84", 20.0)
+    assert node.value("bench samples logged") == "12" == node.value("samples", "gap")
+    assert node.status("gap")["level"] == DiagnosticStatus.OK
+    assert node.status()["level"] == DiagnosticStatus.OK, node.status()
+    assert node.says("were logged before, with the same stamp and values")
+
+
+def test_diagnosis_answers_without_the_extra_for_pages(paper_file, tmp_path):
+    """In a process that finds neither Jinja2 nor matplotlib, as after `pip install .[ros]`."""
+    script = f"""
+import sys
+for name in ("jinja2", "matplotlib"):
+    sys.modules[name] = None  # an import of it fails
+from pathlib import Path
+from hmcvt_ros import jobs
+bench = Path({str(hmcvt.data_path("data/table2.csv"))!r})
+answer = jobs.diagnose(bench, Path({str(paper_file)!r}), 0, Path({str(tmp_path)!r}))
+assert answer["report"] is None and answer["verdict"], answer
+print(answer["report_error"])
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "jinja2" in ended.stdout
 
 
 def test_a_gap_that_opens_is_told_in_diagnostics(start_node, tmp_path):

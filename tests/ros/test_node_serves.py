@@ -273,7 +273,7 @@ def test_stale_input_silences_the_node(node):
         node.player.spin_for(0.05)
     assert node.player.efficiencies == []
     assert node.reports(
-        DiagnosticStatus.STALE, "load_torque: nothing received for", part="inputs"
+        DiagnosticStatus.WARN, "load_torque: nothing received for", part="inputs"
     )
     assert node.player.hold(GOOD).efficiency is not None
 

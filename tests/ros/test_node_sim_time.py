@@ -72,7 +72,7 @@ def test_ages_follow_the_clock_also_when_it_stands_still(simulation):
     # Before the first message of /clock it is the time zero.
     assert simulation.answers()
     simulation.set(100.0)
-    assert simulation.tells(DiagnosticStatus.STALE, "100.000")
+    assert simulation.tells(DiagnosticStatus.WARN, "100.000")
 
     assert simulation.answers()
     simulation.player.spin_for(1.2)  # paused: beyond the age limit by the wall clock
@@ -84,7 +84,7 @@ def test_ages_follow_the_clock_also_when_it_stands_still(simulation):
 
     # Ten times faster than the wall clock.
     simulation.set(101.5)
-    assert simulation.tells(DiagnosticStatus.STALE, "1.500")
+    assert simulation.tells(DiagnosticStatus.WARN, "1.500")
     assert one_input_alone_is_not_answered(simulation)
     assert simulation.answers()
 

@@ -68,6 +68,7 @@ def test_every_number_has_limits_and_every_descriptor_tells_all(declaration):
         ("invalid_output", "zero", "silence, nan"),
         ("optimum_hold", "ground", "engine_speed, output_speed"),
         ("max_output_rate", -1.0, "0 to 1000 Hz"),
+        ("max_output_rate", 1e-9, "at least 1 Hz"),
         ("engine_speed_limits", (100.0,), "two rising numbers"),
         ("engine_speed_limits", (100.0, 100.0), "two rising numbers"),
         ("map_load_torque_limits", (0.0, 100.0), "1 to 5000 N m"),

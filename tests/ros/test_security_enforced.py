@@ -33,6 +33,7 @@ MAY_WRITE = {
     "displacement_ratio": {"bench_player", "control_stack"},
     "engine_speed": {"bench_player", "control_stack"},
     "load_torque": {"bench_player", "control_stack"},
+    "oil_temperature": {"bench_player", "control_stack"},
     "operating_point": {"bench_player", "control_stack"},
     "stage": {"bench_player", "control_stack"},
     "bench_sample": {"bench_player"},

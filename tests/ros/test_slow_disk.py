@@ -17,6 +17,7 @@ from std_msgs.msg import Float64
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.model_store import ModelStore
+from hmcvt_ros.state_folder import KEPT_STARTS, StateFolder
 
 pytestmark = [
     pytest.mark.slow,
@@ -175,31 +176,28 @@ def test_lost_samples_are_counted_and_told(node, table2):
 # --- the state folder -----------------------------------------------------------------------------
 
 
-def test_logs_set_aside_are_pruned(node, table2):
+def test_logs_set_aside_are_pruned(start_node, paper_file, table2, tmp_path):
     header = (
         "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,"
     )
-    old = time.time() - 31 * 86_400.0
+    # The first one was there 30 starts ago.
     for number in range(1, 1001):
-        path = node.state / f"bench_samples.cleared-{number}.csv"
+        path = tmp_path / f"bench_samples.cleared-{number}.csv"
         path.write_text("mine" if number == 5 else header)
-        if number <= 10:
-            os.utime(path, (old, old + number))
+        if number == 1:
+            for _ in range(KEPT_STARTS):
+                StateFolder(tmp_path).close()
+    node = start_node(paper_file, state=tmp_path)
     send_table(node, table2)
     reply = node.player.call("clear_samples")
     assert reply.data["kept_as"].endswith("bench_samples.cleared-1001.csv")
     # The oldest makes room; recent ones and files of others do not.
     names = {path.name for path in node.state.glob("bench_samples.cleared-*.csv")}
     assert len(names) == 1000 and "bench_samples.cleared-1.csv" not in names
-    for number in range(2, 11):
-        path = node.state / f"bench_samples.cleared-{number}.csv"
-        os.utime(path, None)
     send_table(node, table2)
     refused = node.player.call("clear_samples")
     assert not refused.success and "remove some by hand" in refused.data["error"]
     assert node.logged() == len(table2)
-    for path in node.state.glob("bench_samples.cleared-*.csv"):
-        path.unlink()
 
 
 def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
@@ -216,6 +214,15 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
     assert node.comes(lambda: "1 damaged lines taken out" in node.value("state folder"))
     assert node.status()["level"] == DiagnosticStatus.WARN
 
+    # The same file under its name comes through the same door.
+    node.bench_file.write_bytes(raw)
+    node.set(samples_file=node.bench_file.name)
+    assert "7 samples" in node.player.call("reidentify", 60.0).data["error"]
+    aside = node.state / "bench_samples.cleared-9.csv"
+    aside.write_bytes(raw)
+    node.set(samples_file=aside.name)
+    assert "damaged is line 2" in node.player.call("reidentify", 60.0).data["error"]
+
 
 def test_files_that_are_not_what_was_adopted_are_not_served(
     start_node, paper_file, tmp_path
@@ -230,8 +237,8 @@ def test_files_that_are_not_what_was_adopted_are_not_served(
         "schema: hmcvt-model/1\na: &a [x, x]\nb: [*a, *a]\n"
     )
     (tmp_path / "bench_samples.csv").write_text(
-        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,crc\n"
-        "1.0,0.5,100.0,200.0,0.8,100.0,00000000\n"
+        "stamp,displacement_ratio,engine_speed,load_torque,efficiency,output_speed,"
+        "stated_std,crc,chain\n1.0,0.5,100.0,200.0,0.8,100.0,,00000000,00000000\n"
     )
     node = start_node(paper_file, state=tmp_path)
     assert node.player.hold(GOOD).efficiency == pytest.approx(

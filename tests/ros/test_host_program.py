@@ -1,0 +1,114 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The node within a program of somebody else: it touches nothing that is not its own."""
+
+import multiprocessing
+import threading
+import time
+from concurrent.futures.process import BrokenProcessPool
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+import hmcvt_core as hmcvt
+from hmcvt_ros.node import EfficiencyNode
+from hmcvt_ros.worker import Worker
+
+
+def wait_long(seconds):
+    time.sleep(seconds)
+
+
+@pytest.fixture
+def host(environment):
+    """A context of the host program, and what makes nodes in it."""
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    nodes = []
+
+    def make(name, **parameters):
+        overrides = [Parameter(key, value=value) for key, value in parameters.items()]
+        node = EfficiencyNode(
+            context=context, namespace=name, parameter_overrides=overrides
+        )
+        nodes.append(node)
+        return node
+
+    yield context, make
+    for node in nodes:
+        node.close()
+        node.destroy_node()
+    context.try_shutdown()
+
+
+def test_kill_of_a_worker_ends_no_other_process():
+    other = multiprocessing.get_context("spawn").Process(target=wait_long, args=(60,))
+    other.start()
+    first, second = Worker(), Worker()
+    try:
+        jobs = [
+            worker.submit(wait_long, 1024, seconds=60) for worker in (first, second)
+        ]
+        first.kill()
+        with pytest.raises(BrokenProcessPool):
+            jobs[0].result(20.0)
+        assert other.is_alive()
+        assert second.exit_status is None and not jobs[1].done()
+        # The first one has another process for its next job.
+        assert first.submit(abs_of, 1024, value=-3).result(60.0) == 3
+    finally:
+        first.kill(wait=True)
+        second.kill(wait=True)
+        assert other.is_alive()
+        other.kill()
+        other.join()
+
+
+def abs_of(value):
+    return abs(value)
+
+
+def test_constructor_that_fails_keeps_nothing(host, tmp_path):
+    _, make = host
+    threads = set(threading.enumerate())
+    (tmp_path / "vehicle.yaml").write_text("no: vehicle")
+    given = {"state_folder": str(tmp_path / "state")}
+    for wrong in ("vehicle_file", "engine_file", "model_file"):
+        with pytest.raises(hmcvt.InputError, match="vehicle"):
+            make("own", **given, **{wrong: str(tmp_path / "vehicle.yaml")})
+        assert {t for t in threading.enumerate() if t.is_alive()} <= threads
+    node = make("own", **given)
+    assert node.close() and node.close()
+    make("own", **given)
+
+
+@pytest.mark.parametrize("kind", [MultiThreadedExecutor, EventsExecutor])
+def test_executor_that_does_not_serve_the_node_is_refused_by_name(host, tmp_path, kind):
+    context, make = host
+    node = make("own", state_folder=str(tmp_path))
+    executor = kind(context=context)
+    with pytest.raises(hmcvt.InputError, match=kind.__name__):
+        executor.add_node(node)
+    assert node not in executor.get_nodes() and node.executor is None
+    single = SingleThreadedExecutor(context=context)
+    assert single.add_node(node) and node.executor is single
+    single.spin_once(timeout_sec=5.0)
+    executor.shutdown()
+    single.shutdown()
+
+
+def test_two_nodes_serve_in_one_program(host, tmp_path):
+    context, make = host
+    executor = SingleThreadedExecutor(context=context)
+    nodes = [make(name, state_folder=str(tmp_path / name)) for name in ("one", "two")]
+    for node in nodes:
+        executor.add_node(node)
+    deadline = time.monotonic() + 20.0
+    while min(node.ticks for node in nodes) < 3 and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=1.0)
+    assert min(node.ticks for node in nodes) >= 3
+    executor.shutdown()
