@@ -140,6 +140,7 @@ def command(
     reference_torque: float | None,
     friction_torque: float | None,
     stage_names: str | None,
+    group: str | None,
     **channels: str | None,
 ) -> Answer:
     """Estimate output torque and power, losses and efficiency from the log of a machine.
@@ -157,6 +158,7 @@ def command(
         "reference_torque": reference_torque,
         "friction_torque": friction_torque,
         "stage_names": stage_names,
+        "group": group,
     }
     stated, dbc, _ = logs.stated_by(mapping, channels, given)
     job = Job(

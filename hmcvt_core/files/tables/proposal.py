@@ -466,7 +466,7 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     if meaning.problem:
         return f"column {name!r}: {meaning.problem}"
     if choice.doubt:
-        return choice.doubt
+        return f"column {name!r}: {choice.doubt}"
     if not choice.unit:
         return f"column {name!r} names no unit"
     return ""
