@@ -308,7 +308,9 @@ def of_group(
             left_out[channel.group] = None
     if left_out:
         names = listed_names([repr(name) for name in left_out])
-        remarks.add("file", f"channels of the same name left out: group {names}", count=0)
+        remarks.add(
+            "file", f"channels of the same name left out: group {names}", count=0
+        )
     return read
 
 

@@ -90,7 +90,9 @@ class TdmsLog(Log):
             for channel in group.channels():
                 if len(channel):
                     key = f"{channel.group_name}.{channel.name}"
-                    listed.append(InGroup(channel.name, channel.group_name, key, channel))
+                    listed.append(
+                        InGroup(channel.name, channel.group_name, key, channel)
+                    )
         return listed
 
     @cached_property
