@@ -147,7 +147,8 @@ def read_cycle(
     Optional are `pto_power`, `auxiliary_power`, `lowest_engine_speed` (for the flow of hydraulic
     pumps), and for demands at the ground `slope`, `rolling_resistance` and `slip`, which replace
     those of the vehicle. A ground speed without a load is a cycle without a drawbar force. Case and
-    blanks of names do not count; columns that are not used are named in the remarks. A series that `hmcvt estimate` writes is read as it is.
+    blanks of names do not count; columns that are not used are named in the remarks. A series that
+    `hmcvt estimate` writes is read as it is.
 
     Args:
         path: of the file, or a name of `CYCLES`.
@@ -242,9 +243,9 @@ def _name_and_unit(header: str) -> tuple[str, str]:
         first = _ALIASES.get(name[:split], name[:split])
         behind = name[split + 1 :].replace("_per_", "/").replace("_", " ")
         of_unit = unit_of(behind)
-        if first in _COLUMNS and of_unit is not None:
-            if of_unit.kind == _COLUMNS[first][1]:
-                return first, behind
+        kind = "" if of_unit is None else of_unit.kind
+        if first in _COLUMNS and kind == _COLUMNS[first][1]:
+            return first, behind
     return name, ""
 
 

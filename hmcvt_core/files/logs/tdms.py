@@ -66,8 +66,8 @@ def open_tdms(path: Path) -> TdmsLog:
 class TdmsLog(Log):
     """The channels of a TDMS file.
 
-    Their time is that of the waveform (`wf_start_time`, `wf_start_offset`, `wf_increment`), else the channel of the same group and
-    length that names a time.
+    Their time is that of the waveform (`wf_start_time`, `wf_start_offset`, `wf_increment`), else
+    the channel of the same group and length that names a time.
 
     Args:
         path: of the file.
