@@ -102,7 +102,10 @@ def test_text_that_is_named_as_a_spreadsheet(tmp_path):
     path = written(tmp_path / "bench.xls", HEADERS["en"].split(";"))
     done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
     assert done.code == 2
-    assert "is text, in spite of its name: rename it to bench.csv" in done.err
+    assert (
+        "is text, no Excel file, in spite of its name: rename it to bench.csv"
+        in done.err
+    )
 
 
 def cycle(path, header, row):
