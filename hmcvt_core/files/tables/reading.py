@@ -195,8 +195,8 @@ def _no_spreadsheet(path: Path, raw: bytes) -> str:
     if "\0" in text or not text.strip():
         return "no Excel file, or damaged: it is no spreadsheet"
     return (
-        f"is text, no Excel file, in spite of its name: rename it to {path.stem}.csv, and hmcvt reads it "
-        "as the table of text that it is"
+        "is text, no Excel file, in spite of its name: rename it to "
+        f"{path.stem}.csv, and hmcvt reads it as the table of text that it is"
     )
 
 
