@@ -164,6 +164,7 @@ def command(
     reference_torque: float | None,
     friction_torque: float | None,
     stage_names: str | None,
+    group: str | None,
     **channels: str | None,
 ) -> Answer:
     """Estimate output torque and power, losses and efficiency from the log of a machine.
@@ -181,6 +182,7 @@ def command(
         "reference_torque": reference_torque,
         "friction_torque": friction_torque,
         "stage_names": stage_names,
+        "group": group,
     }
     stated, dbc, _ = logs.stated_by(mapping, channels, given)
     low, high = _power_range(hydraulics)

@@ -263,6 +263,7 @@ def watch(
     reference_torque: float | None,
     friction_torque: float | None,
     stage_names: str | None,
+    group: str | None,
 ) -> Answer:
     """Report whether a gap has opened between model and bench, since when and how large.
 
@@ -277,6 +278,7 @@ def watch(
         "reference_torque": reference_torque,
         "friction_torque": friction_torque,
         "stage_names": stage_names,
+        "group": group,
     }
     if is_log(samples):
         return logs.watch_command(samples, model, engine, noise, false_alarms, of_logs)

@@ -141,6 +141,7 @@ def command(
     reference_torque: float | None,
     friction_torque: float | None,
     stage_names: str | None,
+    group: str | None,
     **given: str | None,
 ) -> Answer:
     """Turn the table or the log of your bench into bench samples.
@@ -159,6 +160,7 @@ def command(
         "reference_torque": reference_torque,
         "friction_torque": friction_torque,
         "stage_names": stage_names,
+        "group": group,
     }
     if is_log(raw):
         return logs.import_command(

@@ -15,7 +15,7 @@ from ..files.atomic import write_atomically
 from ..files.bench import write_bench
 from ..files.log_import import import_log, what_is_missing
 from ..files.logs.opening import open_log
-from ..files.logs.selection import Selection, Stated, select
+from ..files.logs.selection import Selection, Stated, concerning, select
 from ..files.logs.series import Log
 from ..files.tables.mapping import mapping_text, read_mapping
 from ..model.engine import load_engine
@@ -27,7 +27,7 @@ from .common import Answer
 OPEN = 4
 """Exit code when a watch sees a gap or a drift."""
 
-SETTINGS = ("dbc", "reference_torque", "friction_torque", "stage_names")
+SETTINGS = ("dbc", "reference_torque", "friction_torque", "stage_names", "group")
 """Settings of a log that a mapping file holds besides its columns."""
 
 _TABLE_ONLY = ("header_row", "names", "sheet", "decimal")
@@ -55,6 +55,11 @@ options_of_logs = common.options(
         "--stage-names",
         metavar="CODE=NAME,...",
         help="Stages by what stands in their channel: 1=HM1,2=HM2.",
+    ),
+    click.option(
+        "--group",
+        metavar="NAME",
+        help="Group, run or bus of a log that is read, where several hold the same channels.",
     ),
 )
 
@@ -109,6 +114,7 @@ def stated_by(
         else float(settings["reference_torque"]),
         None if friction is None else 100.0 * float(friction),
         stage_names_of(settings["stage_names"]),
+        settings["group"] or "",
     )
     return stated, settings["dbc"], settings
 
@@ -194,14 +200,13 @@ def import_command(
 
 def refuse_open(log: Log, selection: Selection, explained: list[str]) -> None:
     """Raise an `InputError` where a question concerns a channel that is used, or one missing."""
-    questions = selection.proposal.questions
-    used = {column.name.rpartition(".")[2] for column in selection.columns.values()}
-    concerns = bool(questions) and bool(what_is_missing(selection))
-    for question in questions:
-        concerns = concerns or any(f"{name!r}" in question.text for name in used)
-    if concerns:
+    questions = list(selection.proposal.questions)
+    asked = concerning(selection)
+    if questions and what_is_missing(selection):
+        asked = questions
+    if asked:
         click.echo("\n".join(explained), err=True)
-        raise InputError(f"{log.path}: {'; '.join(map(str, questions))}")
+        raise InputError(f"{log.path}: {'; '.join(map(str, asked))}")
 
 
 def _command(

@@ -139,6 +139,7 @@ def estimate(
     reference_torque: float | None = None,
     friction_torque: float | None = None,
     stage_names: Mapping[str, str] | None = None,
+    group: str = "",
     out: str | os.PathLike[str] | None = None,
     settings: EstimateSettings | None = None,
     progress: Report | None = None,
@@ -158,6 +159,7 @@ def estimate(
         friction_torque: friction of the engine as a part of it [-], where the bus does not
             state it.
         stage_names: stage by what stands in its channel; the text itself when left out.
+        group: group, run or bus that is read where several hold the same channels.
         out: CSV file for the rows, `stamp` to `efficiency`.
         settings: errors of the bus.
         progress: called with how much of the log is read.
@@ -178,6 +180,7 @@ def estimate(
             reference_torque,
             None if friction_torque is None else 100.0 * friction_torque,
             stage_names or {},
+            group,
         )
         selection = select(opened, stated)
         _require_quantities(opened, selection, engine)

@@ -17,7 +17,7 @@ from .logs.opening import open_log
 from .logs.selection import Selection, Stated, read_rows, select
 from .logs.series import Log, Report, listed_names
 from .raw import Imported
-from .recordings import Windows, bench_columns, windows_of
+from .recordings import Windows, bench_columns, out_of_range_note, windows_of
 from .tables.checks import changing_strokes, contradictions, implausible
 from .tables.proposal import INPUTS, OUTPUTS, missing_quantities
 from .tables.shafts import exchanged_shafts, shafts_note
@@ -207,14 +207,14 @@ def _add_rounding(columns: dict[str, Any], selection: Selection) -> None:
 
 def _note(rows: int, windows: Sequence[Windows]) -> str:
     kept = sum(len(part.kept) for part in windows)
-    out_of_range = sum(part.out_of_range for part in windows)
+    reasons = [reason for part in windows for reason in part.out_of_range]
     incomplete = sum(part.incomplete for part in windows)
     shortest = 5.0
     if windows:
         shortest = windows[0].limits.min_duration
     return (
         f"{rows} joined rows were cut into {kept} steady windows of {shortest:g} s and more; "
-        f"{out_of_range} windows out of range and {incomplete} rows without a number left out"
+        f"{out_of_range_note(reasons)} and {incomplete} rows without a number left out"
     )
 
 

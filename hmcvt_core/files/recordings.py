@@ -5,6 +5,7 @@ The windows are found by `steady`, as for a bag. Signals that were written one a
 linear interpolation in time, never across a gap.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -172,8 +173,8 @@ def cut(
     note = (
         f"a recording of {rows} rows was cut into {len(kept)} steady windows of "
         f"{part.limits.min_duration:g} s and more (--averaged takes each row as a test); "
-        f"{part.out_of_range} windows out of range and {part.incomplete} rows "
-        "without a number left out"
+        f"{out_of_range_note(part.out_of_range)} and {part.incomplete} rows without a "
+        "number left out"
     )
     if not kept:
         raise InputError(f"{source}: {note}{_no_window(part.span, part.limits)}")
@@ -193,7 +194,7 @@ class Windows(NamedTuple):
 
     Attributes:
         kept: stage and averages of each window that makes a bench sample.
-        out_of_range: windows that make none.
+        out_of_range: why windows make none, one reason for each.
         incomplete: rows that lack a number.
         span: time that the usable rows cover [s].
         limits: when a window counts as steady.
@@ -201,7 +202,7 @@ class Windows(NamedTuple):
     """
 
     kept: list[tuple[str, dict[str, float]]]
-    out_of_range: int
+    out_of_range: list[str]
     incomplete: int
     span: float
     limits: Steadiness
@@ -236,18 +237,39 @@ def windows_of(
     block = max(1.0, 4.0 * _median_step(readings.time))
     limits = Steadiness(max(5.0, 3.0 * block), block)
     tests = _tests_by_stage(readings, stages, limits)
-    kept = [(stage, sample) for stage, sample in tests if complaint(sample) is None]
+    kept = []
+    reasons = []
+    for stage, sample in tests:
+        reason = complaint(sample)
+        if reason is None:
+            kept.append((stage, sample))
+        else:
+            reasons.append(reason)
     notes = list(out_of_range)
     if joined is not signals:
         notes.append("signals of rows of their own were joined by time")
     return Windows(
         kept,
-        len(tests) - len(kept),
+        reasons,
         int(np.sum(~usable)),
         readings.span,
         limits,
         tuple(notes),
     )
+
+
+def out_of_range_note(reasons: Sequence[str]) -> str:
+    """Return how many windows are out of range, and by which quantity.
+
+    Args:
+        reasons: one for each window, see `complaint`.
+    """
+    note = f"{len(reasons)} windows out of range"
+    if not reasons:
+        return note
+    counts = Counter(reason.removesuffix(" out of range") for reason in reasons)
+    listed = ", ".join(f"{name} in {count}" for name, count in counts.items())
+    return f"{note} ({listed})"
 
 
 _NOT_AVERAGED = ("pressure", "efficiency_std")

@@ -126,6 +126,9 @@ READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
 """Quantities that a bench may read, the one in which a gap is measured first."""
 _SAME_DISPLACEMENT = 1e-6
 """Part by which the displacements of one unit at full stroke differ between rows at most."""
+_ABOVE_PLATE = 0.03
+"""Part by which a displacement found by test (Toet, ISO 8426) may exceed that of the plate; makers
+allow 2 to 3 %."""
 TELLING = 1e5
 """Pressure below which a mechanical efficiency tells no torque [Pa]."""
 
@@ -306,7 +309,7 @@ def read_unit(
             f"taken as a {concluded[0]}: only so flow and torque agree with the efficiencies"
         )
     if displacement is not None:
-        cells = _with_stroke(cells, units, displacement)
+        cells = _with_stroke(cells, units, displacement, notes)
     values = _numbers(cells, units)
     nothing = np.zeros(len(cells.rows))
     samples = UnitSamples(
@@ -389,18 +392,35 @@ def _kinds_that_agree(cells: Table, units: Mapping[str, str]) -> list[str]:
     return kinds
 
 
-def _with_stroke(cells: Table, units: dict[str, str], displacement: str) -> Table:
+def _with_stroke(
+    cells: Table, units: dict[str, str], displacement: str, notes: list[str]
+) -> Table:
     """Return the table with the full displacement, and with the stroke where it differs.
 
     Args:
         cells: of the table.
         units: of its columns; changed in place.
         displacement: at full stroke, with its unit.
+        notes: on what was concluded; extended in place.
     """
     full = _full_displacement(displacement)
     columns = dict(cells.columns)
     if "displacement" in columns and "displacement_ratio" not in columns:
         strokes = _in_si("displacement", cells, units) / full
+        largest = float(strokes.max(initial=0.0))
+        if largest > 1.0 + _ABOVE_PLATE:
+            raise InputError(
+                f"{cells.source}: column displacement reaches {largest:.4g} times "
+                f"--displacement {displacement}, which is full stroke: add --displacement "
+                f"{_largest_displacement(cells, units)}"
+            )
+        if largest > 1.0:
+            above = int(np.sum(strokes > 1.0))
+            notes.append(
+                f"{above} rows state a displacement of up to {100.0 * (largest - 1.0):.2g} % "
+                f"above --displacement {displacement}; taken as full stroke"
+            )
+            strokes = np.minimum(strokes, 1.0)
         columns["displacement_ratio"] = [repr(stroke) for stroke in strokes.tolist()]
         units["displacement_ratio"] = ""
     elif "displacement" in columns:

@@ -65,6 +65,7 @@ class Job:
             reference_torque=self.stated.reference_torque,
             friction_torque=_part(self.stated.friction_torque),
             stage_names=self.stated.stage_names,
+            group=self.stated.group,
             out=out,
             settings=self.settings,
             progress=progress,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import data_path
 from ..files.table import Table, read_plain
-from ..files.tables.units import UNITS
+from ..files.tables.units import KIND_UNITS, plain_text, to_si, unit_of
 from ..transmission.ranges import OUTPUT_SPEED, Array, Range
 from .vehicle import Vehicle
 
@@ -36,38 +36,40 @@ _GRAVITY = 9.81
 _GAP = 5.0  # median steps between two rows: more is a gap
 _PARTS_OF_A_STEP = 10  # at which a fine file is averaged
 
-_POWER_UNITS = UNITS["output_power"]
-_FORCE_UNITS = {"N": 1.0, "kN": 1e3}
-_PART_UNITS = {"-": 1.0, "%": 0.01}
-_SPEED_UNITS = UNITS["engine_speed"]
-_COLUMNS: dict[str, tuple[Range, Mapping[str, float]]] = {
-    "time": (Range("time", 0.0, 1e12, "s"), UNITS["stamp"]),
+_COLUMNS: dict[str, tuple[Range, str]] = {
+    "time": (Range("time", 0.0, 1e12, "s"), "time"),
     "output_speed": (
         Range("output_speed", -1000.0, 1000.0, "rad/s", "is it in r/min?"),
-        _SPEED_UNITS,
+        "speed",
     ),
     "ground_speed": (
         Range("ground_speed", -20.0, 20.0, "m/s", "is it in km/h?"),
-        {"m/s": 1.0, "km/h": 1.0 / 3.6},
+        "velocity",
     ),
-    "output_power": (Range("output_power", -1e6, 1e6, "W"), _POWER_UNITS),
-    "output_torque": (
-        Range("output_torque", -1e5, 1e5, "N m"),
-        UNITS["output_torque"],
-    ),
-    "drawbar_force": (Range("drawbar_force", -5e5, 5e5, "N"), _FORCE_UNITS),
-    "pto_power": (Range("pto_power", 0.0, 1e6, "W"), _POWER_UNITS),
-    "auxiliary_power": (Range("auxiliary_power", 0.0, 1e6, "W"), _POWER_UNITS),
+    "output_power": (Range("output_power", -1e6, 1e6, "W"), "power"),
+    "output_torque": (Range("output_torque", -1e5, 1e5, "N m"), "torque"),
+    "drawbar_force": (Range("drawbar_force", -5e5, 5e5, "N"), "force"),
+    "pto_power": (Range("pto_power", 0.0, 1e6, "W"), "power"),
+    "auxiliary_power": (Range("auxiliary_power", 0.0, 1e6, "W"), "power"),
     "lowest_engine_speed": (
         Range("lowest_engine_speed", 0.0, 320.0, "rad/s", "is it in r/min?"),
-        _SPEED_UNITS,
+        "speed",
     ),
-    "slope": (Range("slope", -0.5, 0.5, "-", "rise / distance"), _PART_UNITS),
-    "rolling_resistance": (Range("rolling_resistance", 0.0, 0.6, "-"), _PART_UNITS),
-    "slip": (Range("slip", 0.0, 0.6, "-", "a fraction, not percent"), _PART_UNITS),
+    "slope": (Range("slope", -0.5, 0.5, "-", "rise / distance"), "part"),
+    "rolling_resistance": (Range("rolling_resistance", 0.0, 0.6, "-"), "part"),
+    "slip": (Range("slip", 0.0, 0.6, "-", "a fraction, not percent"), "part"),
 }
-_ALIASES = {"stamp": "time", "speed": "ground_speed"}
-_HEADER = re.compile(r"([a-z_]+) *(?:\[(.*)\])?")
+"""Range of each column, and what its unit measures, a key of `KIND_UNITS`."""
+_ALIASES = {
+    **dict.fromkeys(("stamp", "cyc_secs", "seconds", "zeit", "t"), "time"),
+    **dict.fromkeys(("speed", "vehicle_speed", "velocity", "v"), "ground_speed"),
+    **dict.fromkeys(("cyc_mps", "mps", "fahrgeschwindigkeit"), "ground_speed"),
+    **dict.fromkeys(("grade", "gradient", "cyc_grade", "steigung"), "slope"),
+}
+"""Other names of columns: of `hmcvt estimate`, FASTSim, WLTP and of German tables."""
+_BRACKET = re.compile(r"(.*?)[\s_]*[\[(](.*)[\])]\s*")
+_OF_ESTIMATE = frozenset({"output_torque_low", "output_torque_high"})
+"""Columns of a series of `hmcvt estimate` that begin like others but are bounds of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,9 @@ def read_cycle(
     `output_speed` or `ground_speed`; `output_power`, or `drawbar_force` with a ground speed.
     Optional are `pto_power`, `auxiliary_power`, `lowest_engine_speed` (for the flow of hydraulic
     pumps), and for demands at the ground `slope`, `rolling_resistance` and `slip`, which replace
-    those of the vehicle. A series that `hmcvt estimate` writes is read as it is.
+    those of the vehicle. A ground speed without a load is a cycle without a drawbar force. Case and
+    blanks of names do not count; columns that are not used are named in the remarks. A series that
+    `hmcvt estimate` writes is read as it is.
 
     Args:
         path: of the file, or a name of `CYCLES`.
@@ -158,76 +162,166 @@ def read_cycle(
     name = str(path)
     if name in CYCLES:
         path = data_path(f"data/cycle_{name}.csv")
-    table, names = _renamed(read_plain(path))
+    table = read_plain(path)
+    headers = _known_headers(table)
     columns = {}
-    for column, (limits, units) in _COLUMNS.items():
-        if column in names:
-            columns[column] = _numbers(table, names[column], limits, units)
+    for column, header in headers.items():
+        columns[column] = _numbers(table, header, *_COLUMNS[column])
     source = Path(name).name
+    remarks = []
+    has_load = not columns.keys().isdisjoint(_LOADS)
+    if "ground_speed" in columns and not has_load:
+        columns["drawbar_force"] = np.zeros(len(table.rows))
+        remarks.append(
+            "no column states a load: a drawbar force of 0 N is taken, so that it follows "
+            "from mass, rolling resistance, slope and acceleration"
+        )
     _require_columns(columns, table)
+    not_used = _not_used(table, headers)
+    if not_used:
+        remarks.append(f"columns not used: {', '.join(not_used)}")
     time = columns.pop("time")
     _require_rising(time, table)
     _complete_speed(columns, table)
     grid = _Grid.of(time, step, source)
     sampled = {column: grid.sample(values) for column, values in columns.items()}
-    return _cycle(source, grid, sampled, vehicle or Vehicle())
+    cycle = _cycle(source, grid, sampled, vehicle or Vehicle())
+    return replace(cycle, remarks=(*remarks, *cycle.remarks))
 
 
-def _renamed(table: Table) -> tuple[Table, dict[str, str]]:
-    """Return the table, and its header cell of each known column."""
-    names: dict[str, str] = {}
+_LOADS = ("drawbar_force", "output_power", "output_torque")
+"""Columns that state a load."""
+
+
+def _known_headers(table: Table) -> dict[str, str]:
+    """Return the header cell of each known column.
+
+    Raises:
+        InputError: two cells name one column, or a cell begins like a known one and is not.
+    """
+    headers: dict[str, str] = {}
     for header in table.columns:
-        match = _HEADER.fullmatch(header)
-        if match is None:
-            continue
-        name = _ALIASES.get(match[1], match[1])
+        name, _ = _name_and_unit(header)
         if name in _COLUMNS:
-            if name in names:
+            if name in headers:
                 raise InputError(
-                    f"{table.source}: columns {names[name]!r} and {header!r} state the same"
+                    f"{table.source}: columns {headers[name]!r} and {header!r} state the "
+                    "same"
                 )
-            names[name] = header
-    return table, names
+            headers[name] = header
+            continue
+        alike = _begins_like(name)
+        if alike:
+            raise InputError(
+                f"{table.source}: column {header!r} is not known, but begins like {alike}: "
+                f"call it {alike} [{next(iter(KIND_UNITS[_COLUMNS[alike][1]]))}] if it "
+                "holds that, else leave it out"
+            )
+    return headers
 
 
-def _numbers(
-    table: Table, header: str, limits: Range, units: Mapping[str, float]
-) -> Array:
+def _name_and_unit(header: str) -> tuple[str, str]:
+    """Return the column that a header cell names, or its words, and the text of its unit.
+
+    Case, blanks and hyphens do not count; the unit may stand in brackets or behind the name.
+
+    Args:
+        header: such as `PTO Power [kW]` or `speed_kmh`.
+    """
+    text = header.strip()
+    unit = ""
+    bracket = _BRACKET.fullmatch(text)
+    if bracket is not None:
+        text = bracket[1]
+        unit = bracket[2].strip()
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain_text(text))
+    name = re.sub(r"[\s_-]+", "_", words).strip("_").lower()
+    known = _ALIASES.get(name, name)
+    if known in _COLUMNS or bracket is not None:
+        return known, unit
+    for split in (at.start() for at in re.finditer("_", name)):
+        first = _ALIASES.get(name[:split], name[:split])
+        behind = name[split + 1 :].replace("_per_", "/").replace("_", " ")
+        of_unit = unit_of(behind)
+        kind = "" if of_unit is None else of_unit.kind
+        if first in _COLUMNS and kind == _COLUMNS[first][1]:
+            return first, behind
+    return name, ""
+
+
+def _begins_like(name: str) -> str:
+    """Return the column with the same first word as a name that is not known; `""` for none."""
+    first = name.partition("_")[0]
+    if name in _OF_ESTIMATE or len(first) < 3:
+        return ""
+    for column in _COLUMNS:
+        if column != "time" and column.partition("_")[0] == first:
+            return column
+    return ""
+
+
+def _not_used(table: Table, headers: Mapping[str, str]) -> list[str]:
+    """Return the header cells of a table that no demand is made of.
+
+    Args:
+        table: of the cycle.
+        headers: cell of each known column.
+    """
+    used = set(headers)
+    if "output_power" in headers:
+        used -= {"slope", "rolling_resistance"}
+        if "output_speed" in headers or "ground_speed" not in headers:
+            used.discard("slip")
+        if _has_speed(headers):
+            used.discard("output_torque")
+    cells = {headers[name] for name in used}
+    return [header for header in table.columns if header not in cells]
+
+
+def _has_speed(columns: Collection[str]) -> bool:
+    """Return whether a column states the speed."""
+    return "output_speed" in columns or "ground_speed" in columns
+
+
+def _numbers(table: Table, header: str, limits: Range, kind: str) -> Array:
     """Return a column in SI; NaN for an empty cell.
+
+    Args:
+        table: as text.
+        header: cell of the column.
+        limits: of its values.
+        kind: what it measures, a key of `KIND_UNITS`.
 
     Raises:
         InputError: the unit is not known, or a value is no number or out of range.
     """
-    match = _HEADER.fullmatch(header)
-    unit = match[2] if match is not None else None
-    if unit is not None and unit not in units:
-        raise InputError(
-            f"{table.source}: {unit!r} is no unit of {limits.name}; there is "
-            f"{', '.join(units)}"
-        )
+    _, text = _name_and_unit(header)
+    size = 1.0
+    if text:
+        known = unit_of(text)
+        try:
+            size, _ = to_si(kind, text if known is None else known.name)
+        except KeyError:
+            raise InputError(
+                f"{table.source}: {text!r} is no unit of {limits.name}; there is "
+                f"{', '.join(unit for unit in KIND_UNITS[kind] if '@' not in unit)}"
+            ) from None
     filled = ["nan" if cell == "" else cell for cell in table.columns[header]]
-    text = Table(
-        {header: filled},
-        table.rows,
-        table.broken,
-        table.commas,
-        table.source,
-        table.sha256,
-    )
-    values = text.numbers(header) * (1.0 if unit is None else units[unit])
+    values = size * replace(table, columns={header: filled}).numbers(header)
     present = [cell != "" for cell in table.columns[header]]
     table.require_range(np.where(present, values, limits.low), limits)
     return values
 
 
 def _require_columns(columns: Mapping[str, Array], table: Table) -> None:
-    has_speed = {"output_speed", "ground_speed"} & columns.keys()
+    has_speed = _has_speed(columns)
     from_torque = {"output_torque", "output_power"} <= columns.keys()
     has_load = {"output_power", "drawbar_force"} & columns.keys()
     if "time" not in columns or not (has_speed or from_torque) or not has_load:
         raise InputError(
             f"{table.source}: needs the columns time, output_speed or ground_speed, and "
-            f"output_power or drawbar_force; there is {', '.join(table.columns)}"
+            "output_power or drawbar_force (0 where nothing is pulled); there is "
+            f"{', '.join(table.columns)}"
         )
     if "drawbar_force" in columns and "output_power" in columns:
         raise InputError(

@@ -44,6 +44,18 @@ _FUEL = re.compile(
 )
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
+_SAME_SPEED = 10.0 * RPM
+"""Distance of two measured speeds of one setting [rad/s]; a test bench holds 1 % of 1,000 r/min
+(ISO 8178-1)."""
+_WIDEST_SETTING = 20.0 * RPM
+"""Spread of the measured speeds of one setting [rad/s]."""
+_PART_LOAD = Range(
+    "fuel at part load", 140.0, 1000.0, "g/kWh", "is a number of this row wrong?"
+)
+"""From `_LOADED` on: 140 g/kWh is an efficiency of 60 %; without load an engine burns up to a
+quarter of its fuel at full load, which makes 2.25 times the fuel per energy at a fifth of it."""
+_LOADED = 0.2
+"""Part of the full-load torque from which the fuel per energy is checked."""
 _GRAMS_PER_KWH = 3.6e9
 """Fuel per energy: kg/J to g/kWh."""
 _HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole
@@ -178,6 +190,7 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     cells.require_range(torque, _TORQUE)
     if unit == _SPECIFIC_UNIT:
         fuel = fuel * speed * torque
+    speed = _grouped(speed)
     speeds = np.unique(speed)
     if len(speeds) < 2:
         raise InputError(
@@ -194,6 +207,24 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     load = np.unique(loads.round(9))
     grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
     return Engine(speeds, full_load, load, np.array(grid))
+
+
+def _grouped(speed: Array) -> Array:
+    """Return measured speeds with those of one setting at their mean [rad/s].
+
+    Args:
+        speed: of each row [rad/s].
+    """
+    order = np.argsort(speed, kind="stable")
+    rising = speed[order]
+    setting = np.append(0, np.cumsum(np.diff(rising) > _SAME_SPEED))
+    grouped = np.empty_like(speed)
+    for number in range(int(setting[-1]) + 1):
+        rows = order[setting == number]
+        if np.ptp(speed[rows]) > _WIDEST_SETTING:
+            return speed  # settings are so near each other that none is told apart
+        grouped[rows] = speed[rows].mean() if np.ptp(speed[rows]) else speed[rows]
+    return grouped
 
 
 def _plain(cell: str) -> str:
@@ -263,6 +294,10 @@ def _willans_line(
     if torques[-1] > 0.0:
         specific = rates[-1] / (torques[-1] * speed) * _GRAMS_PER_KWH
         _SPECIFIC.check(specific, where)
+        loaded = torques >= _LOADED * torques[-1]
+        parts = rates[loaded] / (torques[loaded] * speed) * _GRAMS_PER_KWH
+        for torque, part in zip(torques[loaded], parts, strict=True):
+            _PART_LOAD.check(part, f"{where}, {torque:g} N m")
     gaps = np.diff(torques)
     complete = len(torques) >= 2 and (gaps > 0.0).all()
     if not complete or max(gaps.max(), torques[0]) > _HOLE * torques[-1]:

@@ -170,6 +170,20 @@ def test_reference_and_friction_are_asked(tmp_path, messages):
     assert estimated(tmp_path, eec3, **stated).totals.coverage > 0.9
 
 
+def test_a_friction_that_is_never_available_is_asked(tmp_path, messages):
+    missing = []
+    for message in messages:
+        if message.identifier == 0x18FEDF00:
+            data = np.full_like(message.data, 0xFF)
+            message = Encoded(message.time, message.identifier, data)
+        missing.append(message)
+    advice = "'not available' all the time .* add --friction-torque"
+    with pytest.raises(hmcvt.InputError, match=advice):
+        estimated(tmp_path, missing)
+    stated = {"reference_torque": 800.0, "friction_torque": 0.08}
+    assert estimated(tmp_path, missing, **stated).totals.coverage > 0.9
+
+
 def test_stages_by_another_name(tmp_path, messages):
     (tmp_path / "maker.dbc").write_text(MAKER.replace('"HM', '"Range'))
     path = tmp_path / "drive.log"

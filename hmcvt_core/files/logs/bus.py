@@ -100,10 +100,12 @@ class BusLog(Log):
                 known[signal.name] = (sender, signal)
         return known
 
+    _by_group = ("channels", "_senders")
+
     @cached_property
-    def _senders(self) -> dict[_Key, int]:
-        """Source address that is read of each message on the bus; -1 for 11 bits."""
-        sources: dict[_Key, Counter[int]] = {}
+    def _counted(self) -> dict[_Key, dict[str, Counter[int]]]:
+        """Frames of each message by bus and source address."""
+        sources: dict[_Key, dict[str, Counter[int]]] = {}
         senders = {sender.key: sender for sender, _ in self._signals.values()}
         scanned = 0
         frames_seen = False
@@ -111,19 +113,51 @@ class BusLog(Log):
             frames_seen = frames_seen or len(frames.time) > 0
             groups = frames.group
             for key in senders:
-                rows = np.flatnonzero(key.mask(frames, groups))
-                if len(rows):
+                mask = key.mask(frames, groups)
+                for bus in np.unique(frames.bus[mask]).tolist():
+                    rows = np.flatnonzero(mask & (frames.bus == bus))
                     addresses = frames.source[rows].tolist()
-                    sources.setdefault(key, Counter()).update(addresses)
+                    buses = sources.setdefault(key, {})
+                    buses.setdefault(bus, Counter()).update(addresses)
             scanned += len(frames.time)
             if scanned >= _SCANNED:
                 break
         if not frames_seen:
             raise InputError(f"{self.path}: holds no CAN frame")
-        chosen = {}
-        for key, counts in sources.items():
+        return sources
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Buses that carry known messages."""
+        buses = {bus for counts in self._counted.values() for bus in counts}
+        return tuple(sorted(buses))
+
+    def groups_of(self, name: str) -> tuple[str, ...]:
+        """Return the buses that carry a channel, of which none is chosen."""
+        if name not in self._signals:
+            return ()
+        buses = self._counted[self._signals[name][0].key]
+        if len(buses) < 2 or self.group in buses:
+            return ()
+        return tuple(sorted(buses))
+
+    @cached_property
+    def _senders(self) -> dict[_Key, tuple[str, int]]:
+        """Bus and source address that are read of each message; -1 for 11 bits."""
+        senders = {sender.key: sender for sender, _ in self._signals.values()}
+        chosen: dict[_Key, tuple[str, int]] = {}
+        for key, buses in self._counted.items():
+            bus = self.group
+            if bus not in buses:
+                bus = max(buses, key=lambda name: buses[name].total())
+            if len(buses) > 1:
+                others = ", ".join(sorted(set(buses) - {bus}))
+                self.remarks.add(
+                    senders[key].label, f"on bus {bus}; left out: {others}", count=0
+                )
+            counts = buses[bus]
             if key.group is None:
-                chosen[key] = -1
+                chosen[key] = (bus, -1)
                 continue
             usual = senders[key].usual
             source = usual if usual in counts else counts.most_common(1)[0][0]
@@ -134,7 +168,7 @@ class BusLog(Log):
                     f"sent by the addresses {listed}: that of {source} is read",
                     count=0,
                 )
-            chosen[key] = source
+            chosen[key] = (bus, source)
         return chosen
 
     @cached_property
@@ -201,8 +235,10 @@ class BusLog(Log):
             groups = frames.group
             for key, signals in by_key.items():
                 mask = key.mask(frames, groups)
-                if self._senders[key] >= 0:
-                    mask &= frames.source == self._senders[key]
+                bus, source = self._senders[key]
+                mask &= frames.bus == bus
+                if source >= 0:
+                    mask &= frames.source == source
                 chosen = frames.select(np.flatnonzero(mask))
                 for signal in signals:
                     piece[signal.name] = signal.read(chosen, self.remarks)

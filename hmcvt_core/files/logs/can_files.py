@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Generator, Iterator
 from contextlib import closing
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from ...errors import InputError
 from .series import Remarks
-from .signals import BYTES, Frames
+from .signals import BUS_NAME, BYTES, Frames
 
 SUFFIXES = (".blf", ".asc", ".trc", ".log")
 BATCH = 100_000
@@ -27,9 +28,22 @@ _CANDUMP = re.compile(
     r"\(\d+\.\d+\) +\S+ +[0-9A-Fa-f]{3,8}##?[0-9A-FRaf]*(?: +[RT])?\s*"
 )
 _CANDUMP_DATA = re.compile(
-    r"\((\d+\.\d+)\) +\S+ +([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}){0,8})"
+    r"\((\d+\.\d+)\) +(\S+) +([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#((?:[0-9A-Fa-f]{2}){0,8})"
     r"(?: +[RT])?\s*"
 )
+_CONSOLE = re.compile(
+    r"\s*(?:\((?P<stamp>[\d. :-]+)\)\s+)?(?P<bus>\S+)\s+(?:[RT]X\s+[B-]\s+[E-]\s+)?"
+    r"(?P<identifier>[0-9A-F]{3}|[0-9A-F]{8})\s+\[(?P<length>\d+)\]"
+    r"(?P<data>(?:\s+[0-9A-F]{2})*)(?P<rest>.*)",
+    re.IGNORECASE,
+)
+"""A frame as candump prints it: `(1700000000.001000)  can0  100   [8]  C0 2B ...`."""
+_SCANNED_LINES = 2000
+"""Lines of a printed candump that show what its stamps are."""
+_ABSOLUTE_FROM = 1e8
+"""Stamps from here on are seconds since 1970 [s]; a machine does not record for three years."""
+_FEWEST_LINES = 20
+"""Frames from which differences can be told from times since the first frame."""
 _CUT_OFF = "cut off; what is before is used"
 _BLF_SIZE = struct.Struct("<16xQ")
 """Where a BLF file states its size: behind signature, size of the header and versions."""
@@ -48,7 +62,10 @@ def read_frames(path: Path, remarks: Remarks) -> Iterator[tuple[Frames, float]]:
     size = max(path.stat().st_size, 1)
     with path.open("rb") as file:
         if path.suffix.lower() == ".log":
+            stamps = _printed_stamps(path, file)
             batches = _candump(file, remarks)
+            if stamps:
+                batches = _console(file, stamps == "delta", remarks)
         else:
             batches = _by_python_can(path, file, remarks)
         # Closed in this order, also where only the beginning of the file is read.
@@ -67,16 +84,20 @@ class _Batch:
         self.identifier: list[int] = []
         self.extended: list[bool] = []
         self.data: list[bytes] = []
+        self.bus: list[str] = []
 
     def __len__(self) -> int:
         return len(self.time)
 
-    def add(self, time: float, identifier: int, is_extended: bool, data: bytes) -> None:
+    def add(
+        self, time: float, identifier: int, is_extended: bool, data: bytes, bus: str
+    ) -> None:
         """Append one frame."""
         self.time.append(time)
         self.identifier.append(identifier)
         self.extended.append(is_extended)
         self.data.append(data)
+        self.bus.append(bus)
 
     def frames(self) -> Frames:
         """Return the frames as arrays."""
@@ -88,6 +109,7 @@ class _Batch:
             np.array(self.extended, dtype=bool),
             lengths,
             np.frombuffer(padded, dtype=np.uint8).reshape(-1, BYTES),
+            np.array(self.bus, dtype=f"U{BUS_NAME}"),
         )
 
 
@@ -152,9 +174,14 @@ def _messages(
     """Yield what a reader of python-can gives, up to where the file is damaged."""
     batch = _Batch()
     last = math.nan
+    now = 0.0
     try:
-        for message in reader(source):
+        messages = reader(source)
+        for message in messages:
+            now += float(message.timestamp)
             last = float(message.timestamp)
+            if getattr(messages, "timestamps_format", None) == "relative":
+                last = now  # each stamp counts from the frame before
             if message.is_error_frame:
                 remarks.add("bus", "error frames", last)
             elif not message.is_remote_frame:
@@ -163,6 +190,7 @@ def _messages(
                     message.arbitration_id,
                     message.is_extended_id,
                     bytes(message.data),
+                    "" if message.channel is None else str(message.channel),
                 )
             if len(batch) >= BATCH:
                 yield batch.frames()
@@ -225,13 +253,13 @@ def _candump(file: Any, remarks: Remarks) -> Generator[Frames, None, None]:
         if match is None:
             _count_line(text, last, remarks)
             continue
-        stamp, identifier, data = match.groups()
+        stamp, bus, identifier, data = match.groups()
         last = float(stamp)
         number = int(identifier, 16)
         if len(identifier) == 8 and number & _ERROR_FLAG:
             remarks.add("bus", "error frames", last)
             continue
-        batch.add(last, number, len(identifier) == 8, bytes.fromhex(data))
+        batch.add(last, number, len(identifier) == 8, bytes.fromhex(data), bus)
         if len(batch) >= BATCH:
             yield batch.frames()
             batch = _Batch()
@@ -247,3 +275,112 @@ def _count_line(text: str, last: float, remarks: Remarks) -> None:
         remarks.add("file", "remote or FD frames left out", last)
     else:
         remarks.add("file", "damaged lines left out", last)
+
+
+def _printed_stamps(path: Path, file: Any) -> str:
+    """Return what the stamps of a printed candump are.
+
+    Args:
+        path: of the file, for messages.
+        file: opened at its beginning; is left there.
+
+    Returns:
+        `time` or `delta`; `""` for a log of candump -l.
+
+    Raises:
+        InputError: the frames have no stamp, or what their stamps are is open.
+    """
+    stamps = []
+    printed = False
+    for _, line in zip(range(_SCANNED_LINES), file, strict=False):
+        text = line.decode("ascii", "replace").rstrip()
+        if _CANDUMP.fullmatch(text):
+            break
+        match = _CONSOLE.fullmatch(text)
+        if match is None:
+            continue
+        printed = True
+        if match["stamp"]:
+            stamps.append(_seconds(match["stamp"]))
+    file.seek(0)
+    if not printed:
+        return ""
+    if not stamps:
+        raise InputError(
+            f"{path}: the frames have no time stamp: record with candump -l (or -ta)"
+        )
+    times = np.array(stamps)
+    if np.nanmin(times) >= _ABSOLUTE_FROM:
+        return "time"
+    steps = np.diff(times)
+    falling = float(np.mean(steps < 0.0)) if len(steps) else 0.0
+    if len(times) >= _FEWEST_LINES and falling == 0.0 and times[-1] > times[0]:
+        return "time"
+    if len(times) >= _FEWEST_LINES and falling > _FALLING_OF_DELTAS:
+        return "delta"
+    raise InputError(
+        f"{path}: the stamps, from {times[0]:g} to {times[-1]:g} s, may be times (candump "
+        "-tz) or differences (-td): record with candump -l (or -ta)"
+    )
+
+
+_FALLING_OF_DELTAS = 0.1
+"""Share of stamps below the one before from which they are differences: of times without a
+pattern it is one half, of steady ones less."""
+
+
+def _seconds(stamp: str) -> float:
+    """Return a stamp of a printed candump [s]; NaN for what is none."""
+    try:
+        if "-" in stamp:
+            # Local time of an unknown zone: only differences count.
+            return datetime.fromisoformat(stamp.strip() + "+00:00").timestamp()
+        return float(stamp)
+    except ValueError:
+        return math.nan
+
+
+def _console(
+    file: Any, are_differences: bool, remarks: Remarks
+) -> Generator[Frames, None, None]:
+    """Read what candump prints with a stamp in front of each frame.
+
+    Args:
+        file: opened at its beginning.
+        are_differences: whether each stamp counts from the frame before.
+        remarks: where lines that are left out are counted.
+    """
+    batch = _Batch()
+    last = math.nan
+    now = 0.0
+    if are_differences:
+        remarks.add("file", "stamps are differences (candump -td), added up", count=0)
+    for line in file:
+        text = line.decode("ascii", "replace")
+        match = _CONSOLE.fullmatch(text.rstrip())
+        stamp = math.nan
+        if match is not None and match["stamp"]:
+            stamp = _seconds(match["stamp"])
+        if match is None or math.isnan(stamp):
+            if text.endswith("\n"):
+                _count_line(text, last, remarks)
+            else:
+                remarks.add("file", _CUT_OFF, last, 0)
+            continue
+        now += stamp
+        last = now if are_differences else stamp
+        data = bytes.fromhex(match["data"])
+        if len(data) != int(match["length"]) or len(data) > BYTES:
+            remarks.add("file", "remote, FD or damaged frames left out", last)
+            continue
+        identifier = match["identifier"]
+        number = int(identifier, 16)
+        if len(identifier) == 8 and number & _ERROR_FLAG:
+            remarks.add("bus", "error frames", last)
+            continue
+        batch.add(last, number, len(identifier) == 8, data, match["bus"])
+        if len(batch) >= BATCH:
+            yield batch.frames()
+            batch = _Batch()
+    if len(batch):
+        yield batch.frames()

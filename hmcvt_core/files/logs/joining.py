@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Signals of different rates on one time axis, piece by piece.
 
-Numbers are interpolated between two readings, states keep the previous one; neither reaches across
-a gap, which is a step of more than three of the channel's usual steps.
+Numbers are interpolated between two readings up to a second apart; across longer steps they keep
+the previous reading, since a set-point may be sent on change only. States keep the previous one.
+Neither reaches across a gap, which is a step of more than three of the channel's usual steps.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ _LEAST_REACH = 0.05
 """A channel reaches at least so far [s]: loggers batch frames, so that steps vary."""
 _LONGEST_REACH = 30.0
 """And at most so far [s]."""
+_LONGEST_LINE = 1.0
+"""Longest step across which a number changes gradually [s]; beyond, it holds until the next one."""
 _FEWEST_STEPS = 10
 """Steps from which the usual step of a channel is known well enough to be kept."""
 
@@ -179,4 +182,6 @@ def interpolated(series: Series, axis: Array, reach: float) -> Array:
     outside = (after == 0) | (after == len(time))
     near = outside & (np.abs(axis - time[nearest]) <= 0.5 * reach)
     result = np.interp(axis, time, values)
+    holds = ~outside & ~at_reading & (time[right] - time[left] > _LONGEST_LINE)
+    result = np.where(holds, values[left], result)
     return np.where(at_reading | close | near, result, np.nan)

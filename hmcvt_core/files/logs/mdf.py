@@ -6,7 +6,6 @@ from __future__ import annotations
 import logging
 import math
 import traceback
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -18,14 +17,18 @@ from ...errors import InputError
 from .can_files import BATCH
 from .series import (
     Channel,
+    InGroup,
     Log,
     Remarks,
     Series,
+    groups_with,
     in_windows,
+    listed_names,
+    of_group,
     piece_readings,
     rising,
 )
-from .signals import BYTES, Frames
+from .signals import BUS_NAME, BYTES, Frames
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
 STARTS = (b"MDF ", b"UnFinMF ")
@@ -128,6 +131,7 @@ _PACKED = [
     ("extended", "?"),
     ("length", "u1"),
     ("data", "u1", (BYTES,)),
+    ("bus", f"U{BUS_NAME}"),
 ]
 
 
@@ -138,6 +142,7 @@ def _packed(frames: Frames) -> Any:
     packed["extended"] = frames.extended
     packed["length"] = frames.length
     packed["data"] = frames.data
+    packed["bus"] = frames.bus
     return packed
 
 
@@ -149,6 +154,7 @@ def _unpacked(series: Series) -> Frames:
         packed["extended"],
         packed["length"],
         packed["data"],
+        packed["bus"],
     )
 
 
@@ -177,6 +183,9 @@ def _group_frames(mdf: Any, group: int) -> Iterator[Frames]:
         if f"{_FRAMES}.DataLength" not in names:
             length_name = "DLC"
         length = column(length_name).samples
+        bus = np.zeros(len(raw), dtype=int)
+        if f"{_FRAMES}.BusChannel" in names:
+            bus = column("BusChannel").samples
         data = _eight_bytes(column("DataBytes").samples)
         yield Frames(
             identifier.timestamps.astype(float),
@@ -184,6 +193,7 @@ def _group_frames(mdf: Any, group: int) -> Iterator[Frames]:
             extended,
             np.minimum(length, 64).astype(np.uint8),
             data,
+            bus.astype(str).astype(f"U{BUS_NAME}"),
         )
 
 
@@ -213,31 +223,65 @@ class MdfLog(Log):
         self._read = 0
         self._total = 1
 
+    _by_group = ("channels", "_read_channels")
+
     @cached_property
-    def _positions(self) -> dict[str, tuple[int, int]]:
-        """Group and index of each channel that holds one value a reading."""
-        names: list[tuple[str, int, int]] = []
+    def _listed(self) -> list[InGroup]:
+        """Channels that hold one value a reading, with group and index of each."""
+        names = self._group_names
+        listed = []
         for number, group in enumerate(self._mdf.groups):
             master = self._mdf.masters_db.get(number)
-            if master is None or not group.channel_group.cycles_nr:
+            if not group.channel_group.cycles_nr:
+                continue
+            if master is None:
+                without = listed_names([channel.name for channel in group.channels])
+                self.remarks.add(
+                    "file", f"channels without a time left out: {without}", count=0
+                )
                 continue
             for index, channel in enumerate(group.channels):
                 if index != master:
-                    names.append((channel.name, number, index))
-        counts = Counter(name for name, _, _ in names)
-        positions = {}
-        for name, number, index in names:
-            unique = name
-            if counts[name] > 1:
-                unique = f"{name}@{number}"  # the same channel at several rates
-            positions[unique] = (number, index)
-        return positions
+                    key = f"{channel.name}@{number}"
+                    position = (number, index)
+                    listed.append(InGroup(channel.name, names[number], key, position))
+        return listed
+
+    @cached_property
+    def _group_names(self) -> list[str]:
+        """Name of each group: that of its source where it is unique, else its number."""
+        names = []
+        for group in self._mdf.groups:
+            stated = getattr(group.channel_group, "acq_name", "") or ""
+            names.append(str(stated).strip())
+        unique = []
+        for number, name in enumerate(names):
+            unique.append(name if name and names.count(name) == 1 else str(number))
+        return unique
+
+    @cached_property
+    def _read_channels(self) -> dict[str, InGroup]:
+        """Channels by name, of the group that is chosen where several hold the same."""
+        return of_group(self._listed, self.group, self.remarks)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of channels."""
+        return tuple(dict.fromkeys(channel.group for channel in self._listed))
+
+    def groups_of(self, name: str) -> tuple[str, ...]:
+        """Return the groups that hold a channel, of which none is chosen."""
+        channel = self._read_channels[name]
+        if channel.group == self.group:
+            return ()
+        return groups_with(self._listed, channel)
 
     @cached_property
     def channels(self) -> Mapping[str, Channel]:
         """Channels by name."""
         channels = {}
-        for name, (number, index) in self._positions.items():
+        for name, channel in self._read_channels.items():
+            number, index = channel.item
             block = self._mdf.groups[number].channels[index]
             channels[name] = Channel(name, _unit_of(block))
         return channels
@@ -250,7 +294,7 @@ class MdfLog(Log):
         streams = {}
         for name in names:
             self.channel(name)
-            number, _ = self._positions[name]
+            number, _ = self._read_channels[name].item
             self._total += self._mdf.groups[number].channel_group.cycles_nr
             streams[name] = self._stream(name, size)
         yield from in_windows(streams)
@@ -264,7 +308,7 @@ class MdfLog(Log):
         self._mdf.close()
 
     def _stream(self, name: str, size: int) -> Iterator[Series]:
-        number, index = self._positions[name]
+        number, index = self._read_channels[name].item
         count = self._mdf.groups[number].channel_group.cycles_nr
         last = -math.inf
         for offset in range(0, count, size):

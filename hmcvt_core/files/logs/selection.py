@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, NamedTuple
@@ -20,7 +21,14 @@ from ...errors import InputError
 from ...transmission.ranges import Array
 from ..tables.header import RawTable
 from ..tables.numbers import Style
-from ..tables.proposal import Column, Proposal, named_column, propose
+from ..tables.proposal import (
+    Column,
+    Proposal,
+    Question,
+    named_column,
+    option,
+    propose,
+)
 from ..tables.units import UNITS, kind_of, to_si
 from . import j1939
 from .joining import Joined, Joiner
@@ -198,12 +206,14 @@ class Stated:
         reference_torque: torque of 100 % [N m]; None for that of the bus.
         friction_torque: friction of the engine [% of the reference]; None for that of the bus.
         stage_names: stage by what stands in its channel.
+        group: group, run or bus that is read where several hold the same channels.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     reference_torque: float | None = None
     friction_torque: float | None = None
     stage_names: Mapping[str, str] = field(default_factory=dict)
+    group: str = ""
 
 
 def select(log: Log, stated: Stated) -> Selection:
@@ -214,10 +224,11 @@ def select(log: Log, stated: Stated) -> Selection:
         stated: what the user names goes before what is proposed.
 
     Raises:
-        InputError: a channel that is named is missing, a unit is not one of its quantity, or a
-            bus torque lacks its reference or its friction.
+        InputError: a channel or the group that is named is missing, a unit is not one of its
+            quantity, or a bus torque lacks its reference or its friction.
     """
     _require_known(stated.columns)
+    log.take_group(stated.group)
     by_quantity = _standard_channels(log)
     for quantity in stated.columns:
         by_quantity.pop(quantity, None)
@@ -250,6 +261,7 @@ def select(log: Log, stated: Stated) -> Selection:
         columns["fuel_rate"] = fuel
     if "engine_speed" not in columns:
         raise InputError(_no_engine_speed(log, proposal))
+    proposal = _with_log_questions(log, proposal, columns, torque, set(stated.columns))
     selection = Selection(
         columns,
         torque,
@@ -258,6 +270,68 @@ def select(log: Log, stated: Stated) -> Selection:
         extra=_extra_channels(short, table),
     )
     return replace(selection, resolution=_resolutions(log, selection))
+
+
+def _with_log_questions(
+    log: Log,
+    proposal: Proposal,
+    columns: Mapping[str, Column],
+    torque: BusTorque | None,
+    named: Set[str],
+) -> Proposal:
+    """Return a proposal with the questions that only logs raise.
+
+    Args:
+        log: to be read.
+        proposal: by the rules of tables.
+        columns: chosen channels by quantity.
+        torque: from a bus, or None.
+        named: quantities that the user named.
+    """
+    questions = list(proposal.questions)
+    for quantity, column in columns.items():
+        # A part without a unit is a fraction or in percent by its size.
+        is_guessed = column.why.startswith("range") and kind_of(quantity) != "part"
+        if is_guessed and quantity not in named:
+            questions.append(_unit_question(quantity, column))
+    open_names = [column.name for name, column in columns.items() if name not in named]
+    if torque is not None:
+        open_names += torque.names
+    groups: dict[str, None] = {}
+    shared = []
+    for name in open_names:
+        several = log.groups_of(name)
+        if len(several) > 1:
+            shared.append(name)
+            groups.update(dict.fromkeys(several))
+    if shared:
+        hints = tuple(f"--group {shlex.quote(group)}" for group in groups)
+        listed = " and ".join(map(repr, groups))
+        shown = ", ".join(map(repr, shared))
+        text = f"{listed} hold the same channels ({shown})"
+        # Which channel is meant is asked once, by its group.
+        questions = [
+            question
+            for question in questions
+            if not any(repr(name) in question.text for name in shared)
+        ]
+        questions.append(Question(text, hints))
+    clocks = log.clock_problem([column.name for column in columns.values()])
+    if clocks:
+        questions.append(Question(clocks))
+    return replace(proposal, questions=tuple(questions))
+
+
+def _unit_question(quantity: str, column: Column) -> Question:
+    """Ask for the unit of a channel that states none."""
+    other = {"speed": "rad/s", "torque": "lb ft", "power": "kW"}
+    units = [column.unit]
+    if other.get(kind_of(quantity), column.unit) != column.unit:
+        units.append(other[kind_of(quantity)])
+    elif kind_of(quantity) == "speed":
+        units.append("rpm")
+    answers = tuple(option(quantity, column.name, unit) for unit in units)
+    return Question(f"channel {column.name!r} states no unit", answers)
 
 
 def _proposed(
@@ -478,35 +552,41 @@ def _bus_torque(log: Log, stated: Stated, has_parasitic: bool) -> BusTorque:
     """
     reference = stated.reference_torque
     if reference is None:
-        reference = _reference_on_bus(log)
+        reference = _first_value(log, j1939.REFERENCE_TORQUE)
     if reference is None:
         raise InputError(
             f"{log.path}: the engine torque is in percent of a reference torque, and the "
             "bus does not state it (message EC1): add --reference-torque 800Nm"
         )
-    if stated.friction_torque is None and _FRICTION not in log.channels:
+    if stated.friction_torque is None and _first_value(log, _FRICTION) is None:
+        reason = "does not state it (message EEC3)"
+        if _FRICTION in log.channels:
+            reason = "states it as 'not available' all the time (message EEC3)"
         raise InputError(
             f"{log.path}: the engine torque of the bus holds the friction of the engine, "
-            "and the bus does not state it (message EEC3): add --friction-torque 8%"
+            f"and the bus {reason}: add --friction-torque 8%"
         )
     friction = stated.friction_torque
     return BusTorque(reference, friction, has_parasitic and friction is None)
 
 
-def _reference_on_bus(log: Log) -> float | None:
-    """Return the first reference torque on the bus [N m]; None without one."""
-    if j1939.REFERENCE_TORQUE not in log.channels:
+def _first_value(log: Log, name: str) -> float | None:
+    """Return the first reading of a channel; None where there is no channel, or none of it."""
+    if name not in log.channels:
         return None
     kept = log.remarks
     log.remarks = Remarks()
-    reference = None
-    for piece in log.pieces([j1939.REFERENCE_TORQUE]):
-        series = piece.get(j1939.REFERENCE_TORQUE)
-        if series is not None and len(series.time):
-            reference = float(series.values[0])
+    first = None
+    for piece in log.pieces([name]):
+        series = piece.get(name)
+        if series is None:
+            continue
+        known = np.flatnonzero(np.isfinite(series.values))
+        if len(known):
+            first = float(series.values[known[0]])
             break
     log.remarks = kept
-    return reference
+    return first
 
 
 def _resolutions(log: Log, selection: Selection) -> dict[str, float]:
@@ -515,6 +595,8 @@ def _resolutions(log: Log, selection: Selection) -> dict[str, float]:
     for quantity, column in selection.columns.items():
         if quantity == "stage":
             continue
+        if not column.unit:
+            continue  # it is asked
         size, _ = _size_of(quantity, column.unit)
         steps[quantity] = abs(size) * log.channel(column.name).resolution
     if selection.torque is not None:
@@ -535,6 +617,7 @@ def read_rows(
     Raises:
         InputError: a channel holds values that its quantity cannot have.
     """
+    _require_answers(log, selection)
     joiner = Joiner(selection.names, selection.clock, step, log.remarks)
     checks = {name: _Check(name, log, selection) for name in _LIMITS}
     for joined in joiner.rows(log.pieces(selection.names)):
@@ -547,6 +630,24 @@ def read_rows(
     for quantity, check in checks.items():
         if quantity in selection.quantities:
             check.require_readings()
+
+
+def _require_answers(log: Log, selection: Selection) -> None:
+    """Raise an `InputError` where the unit, group or clock of a channel that is read is open."""
+    asked = concerning(selection)
+    if asked:
+        raise InputError(f"{log.path}: {'; '.join(map(str, asked))}")
+
+
+def concerning(selection: Selection) -> list[Question]:
+    """Return the questions that concern a channel that is read."""
+    names = set(selection.names)
+    names |= {name.rpartition(".")[2] for name in names}
+    asked = []
+    for question in selection.proposal.questions:
+        if any(repr(name) in question.text for name in names):
+            asked.append(question)
+    return asked
 
 
 def _require_stated_range(log: Log, selection: Selection) -> None:

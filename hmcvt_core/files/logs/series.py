@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -175,11 +176,17 @@ class Log(ABC):
     Attributes:
         path: of the file.
         remarks: what could not be used so far.
+        group: group, run or bus that is read where several hold the same channels; `""` for
+            none chosen.
     """
+
+    _by_group: ClassVar[tuple[str, ...]] = ("channels",)
+    """Cached properties that depend on the group."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.remarks = Remarks()
+        self.group = ""
 
     @property
     @abstractmethod
@@ -200,6 +207,38 @@ class Log(ABC):
     def progress_of(self) -> float:
         """Return the part of the file that was read, 0 to 1; 0 where it is not known."""
         return 0.0
+
+    @property
+    @abstractmethod
+    def groups(self) -> tuple[str, ...]:
+        """Groups, runs or buses of the file, in its order."""
+
+    @abstractmethod
+    def groups_of(self, name: str) -> tuple[str, ...]:
+        """Return the groups that hold a channel, of which none is chosen; () for one alone."""
+
+    def take_group(self, group: str) -> None:
+        """Read the channels of one group where several hold the same.
+
+        Args:
+            group: one of `groups`; `""` takes none.
+
+        Raises:
+            InputError: there is no such group.
+        """
+        if group and group not in self.groups:
+            raise InputError(
+                f"{self.path}: group {group!r} is missing; there is "
+                f"{listed_names(self.groups)}"
+            )
+        if group != self.group:
+            for name in self._by_group:
+                self.__dict__.pop(name, None)
+        self.group = group
+
+    def clock_problem(self, names: Collection[str]) -> str:
+        """Return why channels have no common time; `""` where they have one."""
+        return ""
 
     def missing_messages(self) -> list[str]:
         """Return the messages of a DBC that the log does not hold."""
@@ -226,6 +265,66 @@ class Log(ABC):
                 f"{listed_names(self.channels)}"
             )
         return self.channels[name]
+
+
+class InGroup(NamedTuple):
+    """A channel of a file whose groups may hold channels of one name.
+
+    Attributes:
+        name: as the file writes it.
+        group: that holds it.
+        key: name that is unique in the file.
+        item: what the reader needs of it.
+    """
+
+    name: str
+    group: str
+    key: str
+    item: Any
+
+
+def of_group(
+    listed: Sequence[InGroup], group: str, remarks: Remarks
+) -> dict[str, InGroup]:
+    """Return channels by the name under which they are read.
+
+    Args:
+        listed: all channels of the file.
+        group: whose channels are read where several groups hold the same; `""` for none chosen.
+        remarks: where the groups that are left out are named.
+    """
+    counts = Counter(channel.name for channel in listed)
+    chosen = {channel.name for channel in listed if channel.group == group}
+    read = {}
+    left_out: dict[str, None] = {}
+    for channel in listed:
+        if counts[channel.name] == 1:
+            read[channel.name] = channel
+        elif channel.name not in chosen:
+            read[channel.key] = channel
+        elif channel.group == group:
+            read[channel.name] = channel
+        else:
+            left_out[channel.group] = None
+    if left_out:
+        names = listed_names([repr(name) for name in left_out])
+        remarks.add(
+            "file", f"channels of the same name left out: group {names}", count=0
+        )
+    return read
+
+
+def groups_with(listed: Sequence[InGroup], channel: InGroup) -> tuple[str, ...]:
+    """Return the groups that hold channels of one name; () for one alone.
+
+    Args:
+        listed: all channels of the file.
+        channel: one of them.
+    """
+    groups = [other.group for other in listed if other.name == channel.name]
+    if len(groups) < 2:
+        return ()
+    return tuple(dict.fromkeys(groups))
 
 
 _MOST_NAMES = 20

@@ -16,6 +16,9 @@ from .series import Remarks, Series
 BYTES = 8
 """Data bytes of a frame that are read; signals behind them (CAN FD) are not."""
 
+BUS_NAME = 16
+"""Letters of the name of a bus that are kept; Linux allows 15 for an interface."""
+
 _NOT_AVAILABLE = {2: 3, 4: 15, 8: 0xFF, 16: 0xFF00, 32: 0xFF000000}
 """Raw value from which on a signal of J1939 is not available, by its bits (J1939-71, table 1)."""
 _ERROR = {2: 2, 4: 14, 8: 0xFE, 16: 0xFE00, 32: 0xFE000000}
@@ -33,6 +36,7 @@ class Frames(NamedTuple):
         extended: whether it has 29 bits, shape (n,).
         length: of the data [bytes], shape (n,).
         data: bytes, 0 behind the length, shape (n, 8).
+        bus: name or number of the bus, `""` where the file states none; shape (n,).
     """
 
     time: Array
@@ -40,6 +44,7 @@ class Frames(NamedTuple):
     extended: NDArray[np.bool_]
     length: NDArray[np.uint8]
     data: NDArray[np.uint8]
+    bus: NDArray[np.str_]
 
     def select(self, index: Any) -> Frames:
         """Return some of the frames."""

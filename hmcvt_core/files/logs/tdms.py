@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import logging
 import math
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +16,17 @@ from ...errors import InputError
 from ...transmission.ranges import Array
 from ..tables.rules import meaning_of
 from ..tables.units import to_si
-from .series import Channel, Log, Series, in_windows, piece_readings, rising
+from .series import (
+    Channel,
+    InGroup,
+    Log,
+    Series,
+    groups_with,
+    in_windows,
+    of_group,
+    piece_readings,
+    rising,
+)
 
 SUFFIXES = (".tdms",)
 _START = b"TDSm"
@@ -57,8 +66,8 @@ def open_tdms(path: Path) -> TdmsLog:
 class TdmsLog(Log):
     """The channels of a TDMS file.
 
-    Their time is that of the waveform (`wf_increment`), else the channel of the same group and
-    length that names a time.
+    Their time is that of the waveform (`wf_start_time`, `wf_start_offset`, `wf_increment`), else
+    the channel of the same group and length that names a time.
 
     Args:
         path: of the file.
@@ -71,22 +80,70 @@ class TdmsLog(Log):
         self._read = 0
         self._total = 1
 
+    _by_group = ("channels", "_objects", "_read_channels")
+
     @cached_property
-    def _objects(self) -> dict[str, Any]:
-        """Channels of npTDMS with readings and a time, by unique name."""
+    def _listed(self) -> list[InGroup]:
+        """Channels of npTDMS with readings."""
         listed = []
         for group in self._file.groups():
             for channel in group.channels():
                 if len(channel):
-                    listed.append(channel)
-        counts = Counter(channel.name for channel in listed)
-        objects = {}
-        for channel in listed:
-            name = channel.name
-            if counts[name] > 1:
-                name = f"{channel.group_name}.{channel.name}"
-            objects[name] = channel
-        return objects
+                    key = f"{channel.group_name}.{channel.name}"
+                    listed.append(
+                        InGroup(channel.name, channel.group_name, key, channel)
+                    )
+        return listed
+
+    @cached_property
+    def _read_channels(self) -> dict[str, InGroup]:
+        """Channels by name, of the group that is chosen where several hold the same."""
+        return of_group(self._listed, self.group, self.remarks)
+
+    @cached_property
+    def _objects(self) -> dict[str, Any]:
+        """Channels of npTDMS by name."""
+        return {name: channel.item for name, channel in self._read_channels.items()}
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of channels."""
+        return tuple(dict.fromkeys(channel.group for channel in self._listed))
+
+    def groups_of(self, name: str) -> tuple[str, ...]:
+        """Return the groups that hold a channel, of which none is chosen."""
+        channel = self._read_channels[name]
+        if channel.group == self.group:
+            return ()
+        return groups_with(self._listed, channel)
+
+    def clock_problem(self, names: Collection[str]) -> str:
+        """Return why channels have no common time: some state when they begin, others do not."""
+        dated = []
+        undated = []
+        for name in names:
+            channel = self._objects[name]
+            if _start_of(channel, self._clock_of(channel)) is None:
+                undated.append(name)
+            else:
+                dated.append(name)
+        if not dated or not undated:
+            return ""
+        return (
+            f"channels {', '.join(map(repr, dated))} state a date at which they begin "
+            f"(wf_start_time), {', '.join(map(repr, undated))} none, so that they have no "
+            "common time: write it in all channels, or in none"
+        )
+
+    @cached_property
+    def _first_start(self) -> np.datetime64 | None:
+        """Earliest start of all channels; None where none states one."""
+        starts = []
+        for channel in self._listed:
+            start = _start_of(channel.item, self._clock_of(channel.item))
+            if start is not None:
+                starts.append(start)
+        return min(starts, default=None)
 
     @cached_property
     def channels(self) -> Mapping[str, Channel]:
@@ -130,7 +187,7 @@ class TdmsLog(Log):
             count = min(size, len(channel) - offset)
             try:
                 values = np.asarray(channel.read_data(offset=offset, length=count))
-                time = _times(channel, clock, offset, count)
+                time = self._times(channel, clock, offset, count)
             except Exception as error:  # of a damaged segment, of many kinds
                 words = " ".join(str(error).split()) or type(error).__name__
                 self.remarks.add(
@@ -147,6 +204,15 @@ class TdmsLog(Log):
             if len(series.time):
                 last = float(series.time[-1])
                 yield series
+
+    def _times(self, channel: Any, clock: Any, offset: int, count: int) -> Array:
+        """Return times [s], since the earliest start of the file where channels state theirs."""
+        time = _times(channel, clock, offset, count)
+        start = _start_of(channel, clock)
+        if start is None or self._first_start is None:
+            return time
+        late = (start - self._first_start) / np.timedelta64(1, "us") * 1e-6
+        return time + late
 
     def _clock_of(self, channel: Any) -> Any:
         """Return step of the waveform [s], or the channel of times; None without both."""
@@ -168,14 +234,45 @@ def _names_time(channel: Any) -> bool:
     return meaning_of(channel.name, _unit_of(channel)).quantity == "stamp"
 
 
+_UNSET = np.datetime64("1970-01-01", "us")
+"""LabVIEW writes 1904 for a start that is not set."""
+
+
+def _start_of(channel: Any, clock: Any) -> np.datetime64 | None:
+    """Return when a channel begins; None where the file does not say.
+
+    Args:
+        channel: of npTDMS.
+        clock: step of its waveform [s], or its channel of times.
+    """
+    if isinstance(clock, float):
+        start = channel.properties.get("wf_start_time")
+    elif clock is not None and clock.dtype.kind == "M":
+        start = np.asarray(clock.read_data(offset=0, length=1))[0]
+    else:
+        return None
+    try:
+        date = np.datetime64(start, "us")
+    except (TypeError, ValueError):
+        return None
+    if np.isnat(date) or date <= _UNSET:
+        return None
+    return date
+
+
 def _times(channel: Any, clock: Any, offset: int, count: int) -> Array:
-    """Return the times of readings offset to offset + count - 1 [s]."""
+    """Return the times of readings offset to offset + count - 1 [s].
+
+    They count from `wf_start_time`, or as the channel of times does.
+    """
     if isinstance(clock, float):
         start = float(channel.properties.get("wf_start_offset") or 0.0)
         return start + clock * np.arange(offset, offset + count, dtype=float)
     values = np.asarray(clock.read_data(offset=offset, length=count))
     if values.dtype.kind == "M":
-        return values.astype("datetime64[us]").astype(float) * 1e-6
+        first = np.asarray(clock.read_data(offset=0, length=1))[0]
+        since = values.astype("datetime64[us]") - first.astype("datetime64[us]")
+        return since.astype(float) * 1e-6
     unit = meaning_of(clock.name, _unit_of(clock)).unit
     size = 1.0
     if unit is not None and unit.kind == "time":

@@ -20,7 +20,7 @@ from ...errors import InputError
 _KIND = "hmcvt table mapping"
 _SETTINGS = (
     *("header_row", "sheet", "decimal", "names", "matrix"),
-    *("dbc", "reference_torque", "friction_torque", "stage_names"),
+    *("dbc", "reference_torque", "friction_torque", "stage_names", "group"),
 )
 """Settings of tables, and of logs."""
 

@@ -466,7 +466,7 @@ def _doubt(name: str, meaning: Meaning, style: Style, choice: "_UnitChoice") -> 
     if meaning.problem:
         return f"column {name!r}: {meaning.problem}"
     if choice.doubt:
-        return choice.doubt
+        return f"column {name!r}: {choice.doubt}"
     if not choice.unit:
         return f"column {name!r} names no unit"
     return ""
@@ -708,8 +708,8 @@ def _question_of_doubt(quantity: str, best: _Candidate) -> Question:
     elif "radians or turns" in best.doubt:
         choices = ("rad/s", "turn/s")
     elif _NEUTRAL_OPEN in best.doubt:
-        middle = {"%": "%@50", "-": "-@0.5"}
-        choices = (best.unit, middle[best.unit])
+        middle = {"%": ("%@50",), "-": ("-@0.5",)}
+        choices = (best.unit, *middle.get(best.unit, ()))
     answers = tuple(option(quantity, best.name, unit) for unit in choices)
     return Question(best.doubt, answers)
 

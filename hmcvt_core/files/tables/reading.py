@@ -175,7 +175,7 @@ def read_spreadsheet(path: Path, sheet: str | None) -> tuple[list[Sheet], str]:
     raw, sha256 = read_bytes(path)
     refuse_binary(path, raw)
     if not raw.startswith(_SPREADSHEET_BYTES):
-        raise InputError(f"{path}: no Excel file, or damaged: it is no spreadsheet")
+        raise InputError(f"{path}: {_no_spreadsheet(path, raw)}")
     sheets = _sheets(path, raw)
     if sheet is None:
         return sheets, sha256
@@ -184,6 +184,20 @@ def read_spreadsheet(path: Path, sheet: str | None) -> tuple[list[Sheet], str]:
         names = ", ".join(candidate.name for candidate in sheets)
         raise InputError(f"{path}: sheet {sheet!r} is missing; there is {names}")
     return chosen, sha256
+
+
+def _no_spreadsheet(path: Path, raw: bytes) -> str:
+    """Say what a file named as a spreadsheet is instead."""
+    try:
+        text = _decoded(raw, path, utf_16=True)
+    except InputError:
+        text = "\0"
+    if "\0" in text or not text.strip():
+        return "no Excel file, or damaged: it is no spreadsheet"
+    return (
+        "is text, no Excel file, in spite of its name: rename it to "
+        f"{path.stem}.csv, and hmcvt reads it as the table of text that it is"
+    )
 
 
 def _sheets(path: Path, raw: bytes) -> list[Sheet]:

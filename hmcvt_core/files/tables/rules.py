@@ -65,16 +65,19 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "standardabweichung",
         "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
         "hydrauliktank oeltank \u6cb9",
-        "pump": "pump pumpe pompe pompa bomba",
+        "pump": "pump pumpe pompe pompa bomba \u6cf5 \u53d8\u91cf\u6cf5",
         "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
         "alta baja bassa system",
-        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck",
+        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
+        "gavage suralimentation alimentation \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
         "neutral": "of the at and de du des del di la le les el il der die das am pro "
         "shaft welle arbre albero eje value values val wert mean average avg mittel "
         "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
         "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
         "gearbox getriebe trans cvt hmcvt angular plate "
-        "position pos angle winkel relative norm normalized percent delta d diff "
+        "position pos angle winkel relative norm normalized relativ relativer "
+        "relativa relativo permille promille "
+        "\u76f8\u5bf9 percent delta d diff "
         "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
         "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
         "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
@@ -138,6 +141,8 @@ _OIL_PLACES = frozenset(
 
 _PORTS = frozenset({"a", "b", "port"})
 """Beside a pressure these words name one port of the hydrostatic units."""
+_FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
+"""Beginnings of words that beside a pressure or temperature name the feed circuit, not a load."""
 _OF_THE_HYDRAULICS = frozenset(
     {
         *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
@@ -268,6 +273,10 @@ _CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECAS
 """Number of the channel of a data logger, which does not belong to the name."""
 _MESSAGES = re.compile(r"^(?:[A-Z][A-Z\d]*\d\.)+(?=[A-Za-z])")
 """Bus and message in front of a signal, as in `CAN1.EEC1.EngineSpeed`."""
+_DEVICE = re.compile(r"(?<=\w)\\[\w .-]+(?::\d+)?$")
+"""Device behind a name, as INCA and asammdf write it: `EngineSpeed\\ETKC:1`."""
+_PARTS = ("%", "\u2030", "ppm")
+"""Units of a part of a whole; of speeds, torques and powers the whole is not stated."""
 _PERCENT = frozenset({"percent", "pct", "prozent", "pourcent", "porciento"})
 _DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
 _SCALED = re.compile(
@@ -322,7 +331,7 @@ class _Parts(NamedTuple):
 
 def _take_apart(cell: str) -> _Parts:
     """Split a cell of the header into words and unit."""
-    cell = _MESSAGES.sub("", _CHANNEL.sub(" ", cell))
+    cell = _DEVICE.sub("", _MESSAGES.sub("", _CHANNEL.sub(" ", cell)))
     unit: Unit | None = None
     unread: list[str] = []
     inner_words: list[str] = []
@@ -332,7 +341,10 @@ def _take_apart(cell: str) -> _Parts:
         text = bracket[1].strip()
         known = usual_unit(text) if text else None
         tokens = _tokens(text)
-        if known is None and all(_word_meanings(token.lower()) for token in tokens):
+        # A sign that is neither a word nor a known unit may well be a unit.
+        only_words = bool(tokens) or not text
+        only_words &= all(_word_meanings(token.lower()) for token in tokens)
+        if known is None and only_words:
             inner_words += tokens
             continue
         known = known or unit_of(text)
@@ -388,7 +400,7 @@ def _is_unit_suffix(text: str, unit: Unit, before: list[str]) -> bool:
         return False
     if unit.kind in ("temperature", "time"):
         return True
-    letter = len(text) < 2 and text != "%"
+    letter = len(text) < 2 and text not in _PARTS
     is_index = text.lower() in _INDICES or (letter and not _named(before))
     return not is_index
 
@@ -544,7 +556,7 @@ def _kind_clash(kinds: set[str], by_letter: bool, unit: Unit) -> str:
 def _checked_part(kind: str, unit: Unit | None) -> tuple[str, bool, str]:
     wrong = unit is not None and (
         unit.kind == "other"
-        or (unit.name == "%" and kind in ("speed", "torque", "power"))
+        or (unit.name in _PARTS and kind in ("speed", "torque", "power"))
     )
     if wrong and unit is not None and kind != "stage":
         return kind, False, f"its unit is {unit.name}"
@@ -574,7 +586,9 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
     if strange:
         # In a name that is not understood, a letter may count machines or phases.
         means -= _sides_by_letter(lowered)
-    if kind in ("pressure", "temperature") and "charge" in lowered:
+    if kind in ("pressure", "temperature") and any(
+        word.startswith(_FEED_STEMS) for word in lowered
+    ):
         means.add("feed")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
         means.add("one_side")

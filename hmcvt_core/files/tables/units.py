@@ -26,7 +26,7 @@ _SPEED = {
 }
 _TORQUE = {"N m": 1.0, "Nm": 1.0, "kNm": 1e3, "lb ft": 1.3558179483314004}
 _POWER = {"W": 1.0, "kW": 1e3, "hp": 745.6998715822702, "PS": 735.49875}
-_PART = {"-": 1.0, "%": 0.01}
+_PART = {"-": 1.0, "%": 0.01, "\u2030": 1e-3, "ppm": 1e-6}
 _STROKE = {**_PART, "%@50": 0.02, "-@0.5": 2.0}
 """Units of the stroke; behind `@` stands the reading of the neutral."""
 _FLOW = {
@@ -80,6 +80,8 @@ KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "time": UNITS["stamp"],
         "pressure": UNITS["pressure"],
         "flow": _FLOW,
+        "velocity": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704, "ft/s": 0.3048},
+        "force": {"N": 1.0, "kN": 1e3, "daN": 10.0, "lbf": 4.4482216152605},
         "displacement": {
             "m3/rad": 1.0,
             "m3/r": 1.0 / _TURN,
@@ -88,7 +90,8 @@ KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
     }
 )
-"""The same by what the units measure; flow and displacement are of hydrostatic units."""
+"""The same by what the units measure; flow and displacement are of hydrostatic units, velocity and
+force of vehicles."""
 
 ZERO: Mapping[str, float] = MappingProxyType(
     {"deg F": 32.0, "K": 273.15, "%@50": 50.0, "-@0.5": 0.5}
@@ -120,6 +123,11 @@ _ALSO = {
     "h": "hour hours hr hrs std.",
     "-": "1 pu p.u. fraction",
     "%": "percent pct prozent pourcent porciento \uff05",
+    "\u2030": "permille per_mille promille perthousand o/oo",
+    "km/h": "kph kmh kmph km/hr",
+    "mph": "mi/h mile/h miles/h",
+    "m/s": "mps m/sec ms-1",
+    "ft/s": "fps",
     "L/min": "lpm l/min liter/min litre/min",
     "gpm": "gal/min usgpm gallon/min us.gal/min",
     "m3/s": "m^3/s cbm/s",
@@ -132,9 +140,8 @@ _ALSO = {
 _AMBIGUOUS = ("1/s", "s-1", "hz", "rps", "rev/s", "r/s", "u/s")
 """Units of speed of which some say radians and some turns, to be asked."""
 _OTHER = (
-    *("deg", "rad", "rev", "turns", "V", "mV", "mA", "Ohm", "kN", "mm", "m/s"),
-    *("km/h", "mph", "kg", "kg/h"),
-    *("g/s", "g/kWh", "L/h", "kJ", "kWh", "g/h", "ppm"),
+    *("deg", "rad", "rev", "turns", "V", "mV", "mA", "Ohm", "mm", "kg", "kg/h"),
+    *("g/s", "g/kWh", "L/h", "kJ", "kWh", "g/h"),
 )
 """Usual units of what is no quantity of a bench."""
 _LETTERS = str.maketrans(
@@ -214,6 +221,8 @@ _BASE_UNITS = {
     "temperature": "degC",
     "time": "s",
     "flow": "m**3/s",
+    "velocity": "m/s",
+    "force": "N",
 }
 _ENERGIES = re.compile(r"joule|watt|calorie|electron_volt|british_thermal", re.I)
 _FOR_PINT = re.compile(

@@ -1,0 +1,208 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Names and units of tables in several languages, of cycles, engine maps and units."""
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.errors import InputError
+from hmcvt_core.files.tables.rules import meaning_of
+from hmcvt_core.mission.cycle import read_cycle
+
+from .running import run
+
+ROWS = (
+    (-79.44, 1167.1, 250.46, 1046.0, 197.86),
+    (-36.01, 1762.1, 191.49, 1870.5, 122.55),
+)
+
+
+def written(path, header, rows=ROWS, extra=()):
+    lines = [";".join(header)]
+    for row in rows:
+        lines.append(";".join(str(cell) for cell in (*row, *extra)))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def imported(path):
+    out = path.with_suffix(".out.csv")
+    done = run("import", path, "--out", out, "--yes")
+    assert done.code == 0, done.err
+    return hmcvt.read_bench(out)
+
+
+HEADERS = {
+    "de": "Hub relativ [%];Motordrehzahl [1/min];Motordrehmoment [Nm];"
+    "Abtriebsdrehzahl [1/min];Abtriebsmoment [Nm]",
+    "es": "cilindrada relativa [%];velocidad motor [rpm];par motor [Nm];"
+    "velocidad de salida [rpm];par de salida [Nm]",
+    "it": "cilindrata relativa [%];giri motore [rpm];coppia motore [Nm];"
+    "giri uscita [rpm];coppia uscita [Nm]",
+    "fr": "cylindrée relative [%];régime moteur [tr/min];couple moteur [Nm];"
+    "régime sortie [tr/min];couple sortie [Nm]",
+    "en": "relative displacement [%];engine speed [rpm];engine torque [Nm];"
+    "output speed [rpm];output torque [Nm]",
+    "zh": "变量泵排量比 [%];发动机转速 [rpm];发动机扭矩 [Nm];输出转速 [rpm];输出扭矩 [Nm]",
+}
+
+
+@pytest.mark.parametrize("language", HEADERS)
+def test_relative_displacement(tmp_path, language):
+    path = written(tmp_path / "bench.csv", HEADERS[language].split(";"))
+    np.testing.assert_allclose(imported(path).displacement_ratio, [-0.7944, -0.3601])
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"), [("‰", 1e-3), ("ppm", 1e-6), ("promille", 1e-3), ("%", 1e-2)]
+)
+def test_parts_of_a_whole(tmp_path, unit, size):
+    header = [*HEADERS["en"].split(";"), f"efficiency std [{unit}]"]
+    reading = 0.004 / size
+    path = written(tmp_path / "bench.csv", header, extra=(f"{reading:g}",))
+    np.testing.assert_allclose(imported(path).efficiency_std, 0.004)
+
+
+def test_a_stroke_per_mille(tmp_path):
+    header = HEADERS["en"].replace("displacement [%]", "displacement [‰]").split(";")
+    rows = [(10.0 * row[0], *row[1:]) for row in ROWS]
+    path = written(tmp_path / "bench.csv", header, rows)
+    np.testing.assert_allclose(imported(path).displacement_ratio, [-0.7944, -0.3601])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "charge pressure [bar]",
+        "chargepressure [bar]",
+        "Speisedruck [bar]",
+        "pression de gavage [bar]",
+        "presión de carga [bar]",
+        "补油压力 [bar]",
+    ],
+)
+def test_charge_pressure_is_no_loop_pressure(name):
+    assert meaning_of(name).quantity == ""
+
+
+def test_a_sign_in_brackets_that_is_no_unit_is_asked(tmp_path):
+    header = HEADERS["en"].replace("torque [Nm]", "torque [§]", 1).split(";")
+    done = run(
+        "import",
+        written(tmp_path / "b.csv", header),
+        "--out",
+        tmp_path / "o.csv",
+        "--yes",
+    )
+    assert done.code == 2
+    assert "[§]" in done.err
+
+
+def test_text_that_is_named_as_a_spreadsheet(tmp_path):
+    path = written(tmp_path / "bench.xls", HEADERS["en"].split(";"))
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert done.code == 2
+    assert (
+        "is text, no Excel file, in spite of its name: rename it to bench.csv"
+        in done.err
+    )
+
+
+def cycle(path, header, row):
+    lines = [header]
+    for second in range(20):
+        lines.append(f"{second},{row}")
+    path.write_text("\n".join(lines) + "\n")
+    return read_cycle(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["pto_power [kW]", "PTO_Power [kW]", "pto power [kW]", "PTO-Power (kW)"]
+)
+def test_names_of_cycles(tmp_path, name):
+    read = cycle(
+        tmp_path / "c.csv",
+        f"Time [s],Ground Speed [km/h],Drawbar_Force [kN],{name}",
+        "8,20,30",
+    )
+    assert read.pto_power[0] == 30e3
+    assert read.remarks == ()
+
+
+def test_columns_of_cycles_that_are_not_used_are_named(tmp_path):
+    header = "time,output_speed,output_power,slope [%],operator"
+    read = cycle(tmp_path / "c.csv", header, "100,5000,3,7")
+    assert read.remarks == ("columns not used: slope [%], operator",)
+
+
+def test_a_name_like_a_known_one_is_asked(tmp_path):
+    header = "time,ground_speed,drawbar_force,pto_torque [Nm]"
+    with pytest.raises(InputError, match="begins like pto_power"):
+        cycle(tmp_path / "c.csv", header, "2,5000,300")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "cycSecs,cycMps,cycGrade",
+        "time_s,speed_mps,grade",
+        "time [s],v [m/s],Steigung",
+    ],
+)
+def test_a_cycle_without_a_load(tmp_path, header):
+    read = cycle(tmp_path / "c.csv", header, "2.2,0.01")
+    forced = cycle(
+        tmp_path / "f.csv", "time,ground_speed,slope,drawbar_force", "2.2,0.01,0"
+    )
+    np.testing.assert_array_equal(read.output_power, forced.output_power)
+    assert "a drawbar force of 0 N is taken" in read.remarks[0]
+    assert forced.remarks == ()
+
+
+def engine_map(path, worst=230.0):
+    rng = np.random.default_rng(3)
+    lines = ["engine_speed [r/min],torque [N m],fuel [g/kWh]"]
+    for speed in (1000, 1500, 2000):
+        for torque, fuel in ((100, 300), (250, worst), (400, 220)):
+            lines.append(f"{speed + rng.uniform(-3.0, 3.0):.1f},{torque},{fuel}")
+    path.write_text("\n".join(lines) + "\n")
+    return hmcvt.load_engine(path)
+
+
+def test_measured_speeds_of_an_engine_map(tmp_path):
+    engine = engine_map(tmp_path / "e.csv")
+    np.testing.assert_allclose(
+        engine.speed, np.array([1000, 1500, 2000]) * np.pi / 30, rtol=3e-3
+    )
+
+
+def test_an_absurd_fuel_at_part_load_is_refused(tmp_path):
+    with pytest.raises(
+        InputError, match=r"row \d+: \d+ r/min, 250 N m: fuel at part load"
+    ):
+        engine_map(tmp_path / "e.csv", worst=2100.0)
+
+
+def unit_bench(path, most):
+    lines = ["displacement_cm3,speed_rpm,pressure_bar,flow_L/min,torque_Nm"]
+    for displacement in (28.0, most):
+        for speed in (800, 1500):
+            for pressure in (50, 150, 250):
+                flow = 0.97e-3 * displacement * speed
+                torque = displacement * pressure * 0.1 / (2.0 * np.pi) / 0.93
+                lines.append(
+                    f"{displacement},{speed},{pressure},{flow:.3f},{torque:.3f}"
+                )
+    path.write_text("\n".join(lines) + "\n")
+    return hmcvt.read_unit(path, kind="pump", displacement="56 cm3")
+
+
+def test_a_displacement_little_above_the_plate(tmp_path):
+    samples = unit_bench(tmp_path / "p.csv", 56.5)
+    assert samples.displacement_ratio.max() == 1.0
+    assert "6 rows state a displacement of up to 0.89 % above" in samples.notes[0]
+
+
+def test_a_displacement_far_above_the_plate(tmp_path):
+    with pytest.raises(InputError, match="add --displacement 61:cm3"):
+        unit_bench(tmp_path / "p.csv", 61.0)

@@ -1,0 +1,254 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Time, unit, group, run and bus of the channels of a log."""
+
+import numpy as np
+import pytest
+from cli.running import run
+
+import hmcvt_core as hmcvt
+
+from . import recordings
+
+pytest.importorskip("asammdf")
+pytest.importorskip("nptdms")
+pytest.importorskip("can")
+pytest.importorskip("cantools")
+
+NAMES = ("EngineSpeed", "EngineTorque", "OutputSpeed", "OutputTorque", "PumpStroke")
+UNITS = dict(zip(NAMES, ("rpm", "N m", "rpm", "N m", "%"), strict=True))
+START = np.datetime64("2026-03-02T08:00:00", "us")
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    time, columns = recordings.recorded(noise=0.0005)
+    return time, dict(zip(NAMES, columns.values(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def expected(recorded, tmp_path_factory):
+    path = tmp_path_factory.mktemp("expected") / "plain.mf4"
+    recordings.write_mdf(path, *recorded, UNITS)
+    return imported(path).efficiency
+
+
+def imported(path, *options):
+    out = path.with_suffix(".csv")
+    run("import", path, "--out", out, "--yes", *options)
+    return hmcvt.read_bench(out)
+
+
+def refused(path, *options):
+    """Import a log that leaves something open."""
+    done = run("import", path, "--out", path.with_suffix(".csv"), "--yes", *options)
+    assert done.code == 2, done.out
+    return done
+
+
+def write_tdms(path, columns, starts, group="bench"):
+    """Write channels, each with its start; None writes no start."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    objects = []
+    for name, values in columns.items():
+        properties = {"unit_string": UNITS[name], "wf_increment": 1.0 / recordings.RATE}
+        if starts.get(name) is not None:
+            properties["wf_start_time"] = starts[name]
+        objects.append(ChannelObject(group, name, values, properties=properties))
+    with TdmsWriter(path, mode="a" if path.exists() else "w") as writer:
+        writer.write_segment(objects)
+
+
+def seconds(count):
+    return np.timedelta64(int(count * 1e6), "us")
+
+
+def test_start_times_of_tdms_channels(tmp_path, recorded, expected):
+    _, columns = recorded
+    late = dict(columns)
+    starts = dict.fromkeys(columns, START)
+    skipped = int(11.0 * recordings.RATE)
+    for name in ("OutputSpeed", "OutputTorque"):
+        late[name] = columns[name][skipped:]
+        starts[name] = START + seconds(11.0)
+    write_tdms(tmp_path / "late.tdms", late, starts)
+    efficiency = imported(tmp_path / "late.tdms").efficiency
+    assert len(efficiency) == len(expected) - 1
+    np.testing.assert_allclose(efficiency[-3:], expected[-3:], rtol=1e-4)
+
+
+def test_some_channels_without_a_start_time_are_asked(tmp_path, recorded):
+    _, columns = recorded
+    starts = dict.fromkeys(columns, START) | {"OutputTorque": None}
+    write_tdms(tmp_path / "mixed.tdms", columns, starts)
+    done = refused(tmp_path / "mixed.tdms")
+    assert "'OutputTorque' none" in done.err
+    assert "wf_start_time" in done.err
+
+
+def test_runs_are_asked_and_chosen(tmp_path, recorded, expected):
+    _, columns = recorded
+    path = tmp_path / "runs.tdms"
+    write_tdms(path, columns, dict.fromkeys(columns, START), "Run1")
+    write_tdms(path, columns, dict.fromkeys(columns, START + seconds(3600.0)), "Run2")
+    done = refused(path)
+    assert "--group Run1 or --group Run2" in done.err
+    samples = imported(path, "--group", "Run2")
+    np.testing.assert_allclose(samples.efficiency, expected, rtol=1e-6)
+    done = refused(path, "--group", "Run3")
+    assert "group 'Run3' is missing; there is Run1, Run2" in done.err
+
+
+def test_groups_of_mdf_are_asked(tmp_path, recorded, expected):
+    import asammdf
+
+    time, columns = recorded
+    mdf = asammdf.MDF(version="4.10")
+    for run_name, start in (("first", 0.0), ("second", 100.0)):
+        signals = []
+        for name, values in columns.items():
+            signals.append(
+                asammdf.Signal(values, time + start, name=name, unit=UNITS[name])
+            )
+        mdf.append(signals, acq_name=run_name)
+    path = tmp_path / "runs.mf4"
+    mdf.save(path, overwrite=True)
+    mdf.close()
+    done = refused(path)
+    assert "--group first or --group second" in done.err
+    samples = imported(path, "--group", "second")
+    np.testing.assert_allclose(samples.efficiency, expected, rtol=1e-6)
+
+
+def test_a_device_behind_a_name(tmp_path, recorded, expected):
+    time, columns = recorded
+    devices = {f"{name}\\ETKC:1": values for name, values in columns.items()}
+    units = {f"{name}\\ETKC:1": unit for name, unit in UNITS.items()}
+    recordings.write_mdf(tmp_path / "inca.mf4", time, devices, units)
+    samples = imported(tmp_path / "inca.mf4")
+    np.testing.assert_allclose(samples.efficiency, expected, rtol=1e-6)
+
+
+def test_two_devices_are_asked(tmp_path, recorded):
+    time, columns = recorded
+    both = {f"{name}\\ETKC:1": values for name, values in columns.items()}
+    both["EngineTorque\\CAN:2"] = 0.97 * columns["EngineTorque"]
+    units = {name: UNITS[name.partition("\\")[0]] for name in both}
+    recordings.write_mdf(tmp_path / "two.mf4", time, both, units)
+    done = refused(tmp_path / "two.mf4")
+    assert "both name engine torque" in done.err
+
+
+@pytest.mark.parametrize("unit", ["1/s", "Hz", "rps"])
+def test_a_unit_that_may_count_turns_is_asked(tmp_path, recorded, unit):
+    time, columns = recorded
+    turns = {**columns, "EngineSpeed": columns["EngineSpeed"] / 60.0}
+    path = tmp_path / "turns.mf4"
+    recordings.write_mdf(path, time, turns, {**UNITS, "EngineSpeed": unit})
+    done = refused(path)
+    assert "may count radians or turns" in done.err
+    assert "--engine-speed EngineSpeed:rad/s" in done.err
+
+
+def test_units_that_are_missing_are_asked(tmp_path, recorded):
+    time, columns = recorded
+    units = {**UNITS, "EngineTorque": "", "OutputTorque": ""}
+    recordings.write_mdf(tmp_path / "bare.mf4", time, columns, units)
+    done = refused(tmp_path / "bare.mf4")
+    assert "channel 'EngineTorque' states no unit" in done.err
+
+
+def printed(messages, stamps, bus="can0"):
+    """Frames as candump prints them."""
+    lines = []
+    for message, stamp in zip(messages, stamps, strict=True):
+        data = " ".join(f"{byte:02X}" for byte in message.data)
+        lines.append(
+            f"{stamp}  {bus}  {message.arbitration_id:08X}   [{len(message.data)}]  {data}\n"
+        )
+    return "".join(lines)
+
+
+@pytest.fixture(scope="module")
+def messages(recorded):
+    time, columns = recorded
+    short = ("n_engine", "M_engine", "n_output", "M_output", "PumpStroke")
+    return list(
+        recordings.frames(time, dict(zip(short, columns.values(), strict=True)))
+    )
+
+
+@pytest.fixture
+def dbc(tmp_path):
+    recordings.write_dbc(tmp_path / "bench.dbc")
+    return tmp_path / "bench.dbc"
+
+
+def log_samples(tmp_path, messages, dbc):
+    """Samples of the log of candump -l."""
+    import can
+
+    with can.Logger(str(tmp_path / "plain.log")) as writer:
+        for message in messages:
+            writer(message)
+    return imported(tmp_path / "plain.log", "--dbc", dbc)
+
+
+@pytest.mark.parametrize("form", ["absolute", "zero", "delta"])
+def test_printed_candump(tmp_path, messages, dbc, form):
+    times = np.array([message.timestamp for message in messages])
+    # Frames of one row of the recording follow each other, as on a bus.
+    times = times + np.tile([0.0, 0.001], len(times) // 2)
+    for message, time in zip(messages, times, strict=True):
+        message.timestamp = float(time)
+    stamps = times
+    if form == "zero":
+        stamps = times - times[0]
+    elif form == "delta":
+        stamps = np.diff(np.round(times, 6), prepend=round(float(times[0]), 6))
+    texts = [f" ({stamp:017.6f})" for stamp in stamps]
+    path = tmp_path / "printed.log"
+    path.write_text(printed(messages, texts))
+    samples = imported(path, "--dbc", dbc)
+    reference = log_samples(tmp_path, messages, dbc)
+    np.testing.assert_allclose(samples.efficiency, reference.efficiency, rtol=1e-5)
+
+
+def test_printed_candump_without_stamps(tmp_path, messages, dbc):
+    path = tmp_path / "bare.log"
+    path.write_text(printed(messages, [""] * len(messages)))
+    done = refused(path, "--dbc", dbc)
+    assert "no time stamp: record with candump -l" in done.err
+
+
+def test_asc_with_relative_stamps(tmp_path, messages, dbc):
+    lines = ["date Mon Mar 2 08:00:00.000 2026\n", "base hex  timestamps relative\n"]
+    before = messages[0].timestamp
+    for message in messages:
+        data = " ".join(f"{byte:02X}" for byte in message.data)
+        step = message.timestamp - before
+        before = message.timestamp
+        lines.append(f"   {step:.6f} 1  {message.arbitration_id:X}x Rx d 8 {data}\n")
+    path = tmp_path / "relative.asc"
+    path.write_text("".join(lines))
+    samples = imported(path, "--dbc", dbc)
+    reference = log_samples(tmp_path, messages, dbc)
+    np.testing.assert_allclose(samples.efficiency, reference.efficiency, rtol=1e-4)
+
+
+def test_two_buses_are_asked_and_chosen(tmp_path, messages, dbc):
+    lines = []
+    for message in messages:
+        data = message.data.hex().upper()
+        other = bytearray(message.data)
+        other[4] ^= 0x40  # another torque on the other bus
+        for bus, text in (("can0", data), ("can1", other.hex().upper())):
+            stamp = f"({message.timestamp:.6f})"
+            lines.append(f"{stamp} {bus} {message.arbitration_id:08X}#{text}\n")
+    path = tmp_path / "two.log"
+    path.write_text("".join(lines))
+    done = refused(path, "--dbc", dbc)
+    assert "--group can0 or --group can1" in done.err
+    samples = imported(path, "--dbc", dbc, "--group", "can0")
+    reference = log_samples(tmp_path, messages, dbc)
+    np.testing.assert_array_equal(samples.efficiency, reference.efficiency)
