@@ -191,12 +191,11 @@ def _scatter_of(
 
 def _scatter_of_gap(analysis: Analysis, agreement: Agreement) -> ExcessScatter | None:
     """Return scatter that explains a gap better than a loss along the axes does, or None."""
-    for explanation, _ in analysis.posterior.entries:
-        if explanation.discrepancy is not None and not explanation.names:
-            unlisted = explanation.discrepancy
-            scatter = excess_scatter(analysis.base, agreement, unlisted)
-            return scatter if scatter is not None and scatter.is_probable else None
-    return None
+    likeliest, _ = analysis.posterior.entries[0]
+    if likeliest.discrepancy is None or likeliest.names:
+        return None
+    scatter = excess_scatter(analysis.base, agreement, likeliest.discrepancy)
+    return scatter if scatter is not None and scatter.is_probable else None
 
 
 def next_test(

@@ -228,7 +228,10 @@ def _explanation(outcome: Outcome) -> str:
     leading = class_sets[0]
     if outcome.verdict == "other_form":
         members = [_with_probability(item) for item in outcome.present]
-        return f"{listed(members, 'and')} makes most of it, although no form in the library fits"
+        return (
+            f"{listed(members, 'and')} makes most of it; the rest needs a form that is not in the "
+            "library, or is another loss"
+        )
     if outcome.verdict != "ambiguous" and outcome.set_is_settled:
         verb = "explain" if len(leading.alternatives) > 1 else "explains"
         (first,) = with_probabilities([leading], _WITH_PROBABILITY)

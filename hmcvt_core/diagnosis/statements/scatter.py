@@ -26,6 +26,7 @@ from ..observations import SESSION, Observations
 from ..selection.discrepancy import Discrepancy
 from ..settings import (
     LIKELY,
+    PRESENT_PROBABILITY,
     RELEVANT_PROBABILITY,
     SCATTER_AMPLITUDES,
     SCATTER_SAMPLES,
@@ -79,9 +80,9 @@ class ExcessScatter:
 
     @property
     def is_probable(self) -> bool:
-        """Whether something that varies in time is likelier than a loss along the axes."""
+        """Whether a loss along the axes is hardly possible: plans confound time and axes."""
         of_rivals = [p for name, p in self.quantities if name in (BASE_MODEL, UNLISTED)]
-        return sum(of_rivals) < LIKELY
+        return sum(of_rivals) <= 1.0 - PRESENT_PROBABILITY
 
 
 class _Kernel(NamedTuple):
