@@ -366,7 +366,8 @@ class EfficiencyNode(Node):
         warnings = []
         for name, item in self._inputs.by_name.items():
             publishers = self.count_publishers(self.resolve_topic_name(name))
-            if item.stamp is None and publishers:
+            # A client that sends operating points alone lacks nothing.
+            if item.stamp is None and publishers and self._inputs.asked is None:
                 warnings.append(
                     f"{name}: nothing comes from {publishers} publisher(s); does their quality of "
                     "service fit that of qos_overrides?"
