@@ -74,7 +74,10 @@ def cases(campaigns: int, seed: int) -> list[Case]:
         # Sessions are told by their stamps or by their names.
         drawn.append(Case(names[i % len(names)], course, i % 5 != 4, seed + i))
     for i in range(campaigns // 2):
-        drawn += [Case(name, "random", True, seed + campaigns + i) for name in CONTROLS]
+        first = seed + campaigns + 2 * i
+        drawn += [
+            Case(name, "random", True, first + j) for j, name in enumerate(CONTROLS)
+        ]
     return drawn
 
 

@@ -47,7 +47,7 @@ def test_help_loads_no_command_of_ours_and_names_those_of_ros():
     done = script("-c", code, cwd=ROOT)
     assert set(done.stdout.splitlines()[-1].split()) <= {
         f"hmcvt_core.cli.{name}"
-        for name in ("common", "progress", "quantities", "samples")
+        for name in ("common", "outputs", "progress", "quantities", "samples")
     }
     assert re.search(
         r"^  import-bag +turn a recorded bag \(rosbag2\) into bench samples$",

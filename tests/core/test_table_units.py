@@ -19,6 +19,8 @@ BASES = {
     "pressure": "Pa",
     "flow": "m**3/s",
     "displacement": "m**3/rad",
+    "velocity": "m/s",
+    "force": "N",
 }
 WRITTEN = {
     "-": "dimensionless",

@@ -308,7 +308,7 @@ def test_escapes_every_text_from_outside() -> None:
         ("cause_found", "Cause found", "Probably "),
         ("one_stroke", "Cause found", "Probably "),
         ("pair", "Ambiguous", "Perhaps "),
-        ("unexplained", "Unexplained", "Something unlisted, "),
+        ("unexplained", "Unexplained", "A loss that is not in the library"),
         ("holdout", "Ambiguous", "The readings do not fit this machine"),
     ],
 )

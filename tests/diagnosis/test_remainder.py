@@ -66,7 +66,7 @@ def test_without_the_remainder_the_base_is_left(unexplained):
 def test_the_error_grows_away_from_the_tests(unexplained):
     inside = unexplained.model.predict(0.3, 150.0, 200.0).standard_error
     outside = unexplained.model.predict(0.3, 320.0, 200.0).standard_error
-    assert outside > 1.5 * inside
+    assert outside > 1.3 * inside
 
 
 def test_the_remainder_fades_outside_the_tests(unexplained):
@@ -94,7 +94,7 @@ def test_a_loss_in_one_stage_of_several_is_served_there(tmp_path):
     samples = in_stages(tractor, seed=1, noise=NOISE, wave_in="HM3")
     found = hmcvt.diagnose(tractor, samples, noise=NOISE)
     fresh = in_stages(tractor, seed=2, noise=0.0, wave_in="HM3")
-    assert error(found.model, fresh) < 0.6 * error(found.base, fresh)
+    assert error(found.model, fresh) < 0.7 * error(found.base, fresh)
     hmcvt.save_model(found.model, tmp_path / "model.yaml")
     loaded = hmcvt.load_model(tmp_path / "model.yaml")
     assert error(loaded, fresh) == pytest.approx(error(found.model, fresh), rel=1e-6)

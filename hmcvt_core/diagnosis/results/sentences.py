@@ -161,10 +161,9 @@ def _excess_scatter(outcome: Outcome) -> str:
         f"up to {agreement.ratio:.2g} times as much as the noise that was stated "
         f"({outcome.gap.noise_source})"
     )
-    parts = []
-    for look in agreement.looks[:2]:
-        if look.part:
-            parts.append(f"{look.part} ({look.ratio:.2g} times)")
+    of_parts = [look for look in agreement.looks if look.part]
+    of_parts.sort(key=lambda look: -round(look.ratio, 1))
+    parts = [f"{look.part} ({look.ratio:.2g} times)" for look in of_parts[:2]]
     if parts:
         sentence += f", most clearly in {listed(parts, 'and')}"
     if outcome.scatter is None:

@@ -26,6 +26,7 @@ from ..fitting.refit import Fit, refit
 from ..observations import REPEATED_POINTS, SESSION, Observations
 from ..settings import (
     AGREEMENT_LEVEL,
+    CONVERGED_STEP,
     NOISE_STATEMENT_TOLERANCE,
     REGION_SAMPLES,
 )
@@ -64,7 +65,7 @@ class Agreement:
         holds: whether no look exceeds the statement.
         ratio: root mean square of the residuals / stated noise, the largest of `looks`, or of all
             samples where the statement holds; 1 where nothing was stated.
-        looks: those that exceed the statement, the largest ratio first.
+        looks: those that exceed the statement, all samples first, then their parts.
     """
 
     stated: bool
@@ -109,11 +110,10 @@ def agreement_of(fit: Fit) -> Agreement:
             )
         )
     exceeding = [look for look in looks if look.p_value <= AGREEMENT_LEVEL]
-    exceeding.sort(key=lambda look: -look.ratio)
     return Agreement(
         stated=True,
         holds=not exceeding,
-        ratio=exceeding[0].ratio if exceeding else looks[0].ratio,
+        ratio=max((look.ratio for look in exceeding), default=looks[0].ratio),
         looks=tuple(exceeding),
     )
 
@@ -147,7 +147,10 @@ def rows_at_statement(fit: Fit) -> RowsAtStatement:
     """
     held = np.append(1.0, fit.noise[1:])
     hypothesis = fit.hypothesis
-    at_statement = refit(hypothesis, fit.observed, fit.theta, noise=held)
+    # To the end: a chi squared is compared with its distribution to a few per cent.
+    at_statement = refit(
+        hypothesis, fit.observed, fit.theta, noise=held, negligible=CONVERGED_STEP
+    )
     unit = 1.0 / np.sqrt(held)[:, None]
     count = at_statement.whitened.size
     scaled = (at_statement.jacobian * unit[..., None]).reshape(count, -1)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..fitting.refit import Fit, refit
-from ..observations import SESSION, Observations
+from ..observations import SESSION, Observations, scaled_to_extent
 from ..selection.discrepancy import Discrepancy
 from ..settings import (
     LIKELY,
@@ -47,6 +47,8 @@ HOURS = "hours"
 SESSIONS = "sessions"
 """Time scales."""
 HOUR = 3600.0
+FIELD_LENGTHS = (0.2, 0.5)
+"""Lengths of a loss along the axes, as parts of their ranges; chosen, narrow and wide."""
 _OVER = {
     TESTS: "from test to test",
     MINUTES: "over minutes",
@@ -63,7 +65,7 @@ class ExcessScatter:
         ratio: scatter / stated noise of `channel`.
         channel: whose noise was stated.
         time_scale: `tests` (each test anew), `minutes`, `hours` or `sessions`; None where the
-            samples have neither stamps nor sessions.
+            samples have neither stamps nor sessions, or none is more likely than not.
         quantities: what may have varied, with the probability of each, most probable first; the
             names `noise` and `base model` stand for a noise stated too small and a base model that
             is smoothly off.
@@ -127,6 +129,8 @@ def excess_scatter(
         _Rival(NOISE, TESTS, evidence.of_channel()),
         _Rival(BASE_MODEL, None, evidence.of_base_model()),
     ]
+    for length in FIELD_LENGTHS:
+        rivals.append(_Rival(UNLISTED, None, evidence.of_field(length)))
     if unlisted is not None:
         changes = unlisted.columns(observed)
         rivals.append(_Rival(UNLISTED, None, evidence.of_changes(changes)))
@@ -144,9 +148,20 @@ def _thinned(fit: Fit) -> Fit:
     if len(observed) <= SCATTER_SAMPLES:
         return fit
     # Neighbours in time are kept together: they tell the time scale.
+    times = _stamps_of(observed)
+    order = np.arange(len(observed)) if times is None else np.argsort(times)
     start = (len(observed) - SCATTER_SAMPLES) // 2
-    kept = np.arange(start, start + SCATTER_SAMPLES)
+    kept = np.sort(order[start : start + SCATTER_SAMPLES])
     return refit(fit.hypothesis, observed.select(kept), fit.theta)
+
+
+def _stamps_of(observed: Observations) -> Array | None:
+    """Return the time of each sample [s], shape (n,); None where not all are known."""
+    stamps = getattr(observed.samples, "stamp", None)
+    if stamps is None:
+        return None
+    times = np.asarray(stamps, dtype=float)
+    return times if np.isfinite(times).all() else None
 
 
 def _unrecorded_of(fit: Fit) -> list[Unrecorded]:
@@ -169,14 +184,14 @@ def _kernels(observed: Observations) -> list[_Kernel]:
     """Return how a quantity may vary over the tests, as far as their times are known."""
     n = len(observed)
     kernels = [_Kernel(TESTS, np.eye(n))]
-    sessions = observed.points.get(SESSION)
-    if sessions is not None and len(np.unique(sessions)) > 1:
-        of_session = sessions[:, None] == np.unique(sessions)
+    sessions = observed.points.get(SESSION, np.zeros(n))
+    numbers = np.unique(sessions[sessions >= 0.0])
+    if len(numbers) > 1:
+        of_session = sessions[:, None] == numbers
         kernels.append(_Kernel(SESSIONS, of_session.astype(float)))
-    stamps = getattr(observed.samples, "stamp", None)
-    if stamps is None:
+    times = _stamps_of(observed)
+    if times is None:
         return kernels
-    times = np.asarray(stamps, dtype=float)
     apart = np.abs(times[:, None] - times)
     steps = np.diff(np.sort(times))
     shortest = float(np.median(steps))
@@ -211,6 +226,21 @@ class _Evidence:
     def of_base_model(self) -> float:
         """Return that of a base model whose first channel is smoothly off."""
         return self._of_first_channel(self.observed.smooth.at_campaign)
+
+    def of_field(self, length: float) -> float:
+        """Return that of a loss that is a smooth field over the axes.
+
+        Args:
+            length: over which it changes, as a part of the range of each axis.
+        """
+        scaled = (scaled_to_extent(self.observed.coordinates) + 1.0) / 2.0
+        apart = (scaled[:, :, None] - scaled[:, None, :]) / length
+        covariance = np.exp(-0.5 * np.sum(apart**2, axis=0))
+        for axis in self.observed.axes:
+            if axis.labels:
+                values = self.observed.points[axis.name]
+                covariance = covariance * (values[:, None] == values)
+        return self._of_first_channel(_root(covariance))
 
     def _of_first_channel(self, columns: Array) -> float:
         """Return that of changes of the first channel, shape (n, m)."""
@@ -271,7 +301,9 @@ def _summary(
     log_weights = []
     for rival in rivals:
         alike = 1
-        if rival.quantity not in _RIVALS:
+        if rival.quantity == UNLISTED:
+            alike = len([item for item in rivals if item.quantity == UNLISTED])
+        elif rival.quantity not in _RIVALS:
             scales = {kernel.time_scale for kernel in kernels}
             of_scale = [k for k in kernels if k.time_scale == rival.time_scale]
             alike = len(scales) * len(of_scale)
@@ -286,9 +318,9 @@ def _summary(
             scales_known[rival.time_scale] = so_far + weight
     ranked = sorted(quantities.items(), key=lambda item: -item[1])
     relevant = tuple(item for item in ranked if item[1] >= RELEVANT_PROBABILITY)
-    time_scale = None
-    if len(kernels) > 1:
-        time_scale = max(scales_known, key=scales_known.__getitem__)
+    likeliest = max(scales_known, key=scales_known.__getitem__)
+    is_known = len(kernels) > 1 and scales_known[likeliest] >= LIKELY
+    time_scale = likeliest if is_known else None
     sensors = {item.name: item.sensor for item in unrecorded}
     sensor = next((sensors[name] for name, _ in ranked if name in sensors), "")
     return ExcessScatter(
@@ -308,11 +340,13 @@ def _sentence(
     sensors: dict[str, str],
 ) -> str:
     """Return both branches: a wrong statement, or something that varied and what would show it."""
-    of_model = dict(quantities).get(BASE_MODEL, 0.0)
-    if of_model > LIKELY:
+    of_quantities = dict(quantities)
+    of_axes = of_quantities.get(BASE_MODEL, 0.0) + of_quantities.get(UNLISTED, 0.0)
+    if of_axes > LIKELY:
         return (
-            f"The base model is smoothly off ({probability(of_model)}), by less than a cause would "
-            "need, or something varied that was not recorded."
+            f"The base model is off along the axes ({probability(of_axes)}), by less than a cause "
+            f"would need; or the noise is stated {ratio:.2g} times too small, or something varied "
+            "that was not recorded."
         )
     known = [(name, p) for name, p in quantities if name in sensors]
     over = "" if time_scale is None else f" {_OVER[time_scale]}"

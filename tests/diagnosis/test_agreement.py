@@ -1,0 +1,82 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Readings against their stated noise, and what varied that was not recorded."""
+
+import numpy as np
+import pytest
+
+import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED, agreement_of
+from studies.driver import Case, judge
+
+from .campaigns import BASE, NOISE, campaign, fitted, with_column
+
+
+def test_readings_agree_with_the_noise_they_have():
+    agreement = agreement_of(fitted(campaign(seed=8)))
+    assert agreement.stated and agreement.holds and agreement.looks == ()
+    assert agreement.ratio == pytest.approx(1.0, abs=0.15)
+
+
+def test_where_no_noise_is_stated_nothing_can_disagree():
+    assert agreement_of(fitted(campaign(seed=8), noise=None)) == NOTHING_STATED
+
+
+@pytest.mark.parametrize("ratio", [1.5, 3.0])
+def test_noise_stated_too_small_disagrees_by_its_ratio(ratio):
+    agreement = agreement_of(fitted(campaign(seed=8), noise=NOISE / ratio))
+    assert not agreement.holds
+    overall = next(look for look in agreement.looks if not look.part)
+    assert overall.ratio == pytest.approx(ratio, rel=0.15)
+    assert overall.p_value < 1e-3
+
+
+def test_a_statement_for_every_sample_is_a_statement():
+    samples = campaign(seed=8)
+    stated = with_column(samples, efficiency_std=np.full(len(samples), NOISE / 2.0))
+    found = hmcvt.diagnose(BASE, stated)
+    assert found.verdict == "excess_scatter"
+    assert "2" in found.report().split("\n\n")[0]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "course", "time_scale"),
+    [
+        ("oil temperature", "random", "tests"),
+        ("charge pressure", "session", "sessions"),
+        ("air in the oil", "warming", "hours"),
+    ],
+)
+def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale):
+    answer = judge(Case(quantity, course, True, 22))
+    assert answer["verdict"] == "excess_scatter"
+    assert answer["time_scale"] == time_scale
+
+
+def test_a_loss_in_one_stage_is_no_agreement():
+    tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+    rng = np.random.default_rng(3)
+    stage = np.array(["HM2", "HM3", "HM4"])[np.arange(90) % 3]
+    stroke = rng.uniform(-0.9, 0.9, 90)
+    speed = rng.uniform(90.0, 200.0, 90)
+    load = rng.uniform(100.0, 350.0, 90)
+    efficiency = np.array(
+        [
+            tractor.stages[name].efficiency(*point)
+            for name, point in zip(
+                stage, zip(stroke, speed, load, strict=True), strict=True
+            )
+        ]
+    )
+    efficiency = efficiency - 0.012 * (stage == "HM3")
+    efficiency = efficiency + 0.0016 * rng.standard_normal(90)
+    kept = np.flatnonzero(np.isfinite(efficiency))
+    samples = hmcvt.BenchSamples(
+        stroke[kept],
+        speed[kept],
+        load[kept],
+        efficiency[kept],
+        efficiency_std=np.full(len(kept), 0.0016),
+        extra={"stage": [str(name) for name in stage[kept]]},
+    )
+    found = hmcvt.diagnose(tractor, samples)
+    assert found.verdict != "no_gap"
