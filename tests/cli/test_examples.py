@@ -494,7 +494,10 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     )
     output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
-    assert "model with bearing drag (30 %) (0.95 -> 0.49 points rms" in output
+    assert (
+        "model with bearing drag (30 %) (0.95 -> 0.49 points rms at samples left out) written to "
+        "better.yaml"
+    ) in output
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)

@@ -199,6 +199,7 @@ def region_words(region: Region, outcome: Outcome) -> str:
         part = _part_of_range(axis, region, outcome)
         if part:
             words.append(part)
+    words += [f"{name} {label}" for name, label in region.setting.items()]
     return listed(words, "and")
 
 

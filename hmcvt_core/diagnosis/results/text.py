@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..design.advice import Advice, NextTest, point_in_words
+from ..design.advice import Advice, NextTest, test_in_words
 from ..design.advice import named as named
 from ..design.classes import with_probabilities
 from ..settings import GAP_SIGNIFICANCE
@@ -126,7 +126,7 @@ def _region_lines(outcome: Outcome) -> list[str]:
     if not outcome.where:
         return []
     head = [axis.heading for axis in outcome.axes]
-    head += ["measured - model", "samples", "p"]
+    head += ["measured - model", "samples", "p", ""]
     rows = [head, *(_region_row(region, outcome) for region in outcome.where)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     table = []
@@ -136,11 +136,6 @@ def _region_lines(outcome: Outcome) -> list[str]:
     first, *others = table
     lines = [f"where      {first}"]
     lines += [f"           {line}" for line in others]
-    if outcome.significant_region is None:
-        lines.append(
-            "           no region is significant by itself: the gap shows in the samples "
-            "as a whole"
-        )
     return lines
 
 
@@ -149,11 +144,13 @@ def _region_row(region: Region, outcome: Outcome) -> list[str]:
     for axis in outcome.axes:
         low, high = region.limits[axis.name]
         cells.append(f"{low:.{axis.digits}f} .. {high:.{axis.digits}f}")
+    stage = ", ".join(f"{name} {label}" for name, label in region.setting.items())
     return [
         *cells,
         amount(outcome, region.mean_residual, sign=True),
         str(region.samples),
         chance(region.p_value),
+        stage,
     ]
 
 
@@ -297,8 +294,8 @@ def _test_line(test: NextTest, outcome: Outcome) -> str:
     separates = f"distinguishes {' from '.join(test.separates)}"
     if not test.point:
         return f"  {test.measure}: {separates}"
-    point = point_in_words(test, outcome.axes)
-    return f"  {point}: {separates}, gain {test.gain:.1f}"
+    words = test_in_words(test, outcome.axes)
+    return f"  {words}: {separates}, gain {test.gain:.2g}"
 
 
 def advice(what_next: Advice) -> str:
