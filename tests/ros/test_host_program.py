@@ -46,20 +46,20 @@ def host(environment):
 
 
 def test_kill_of_a_worker_ends_no_other_process():
-    other = multiprocessing.get_context("spawn").Process(target=wait_long, args=(60,))
+    other = multiprocessing.get_context("spawn").Process(target=wait_long, args=(900,))
     other.start()
     first, second = Worker(), Worker()
     try:
         jobs = [
-            worker.submit(wait_long, 1024, seconds=60) for worker in (first, second)
+            worker.submit(wait_long, 1024, seconds=900) for worker in (first, second)
         ]
         first.kill()
         with pytest.raises(BrokenProcessPool):
-            jobs[0].result(20.0)
+            jobs[0].result(120.0)
         assert other.is_alive()
         assert second.exit_status is None and not jobs[1].done()
         # The first one has another process for its next job.
-        assert first.submit(abs_of, 1024, value=-3).result(60.0) == 3
+        assert first.submit(abs_of, 1024, value=-3).result(250.0) == 3
     finally:
         first.kill(wait=True)
         second.kill(wait=True)
