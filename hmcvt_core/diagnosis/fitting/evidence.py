@@ -32,6 +32,7 @@ from ..settings import (
     AMPLITUDE_TOLERANCE,
     FIXED_POINT_ROUNDS,
     NOISE_TOLERANCE,
+    ROUNDING,
 )
 from ..system import Array
 
@@ -353,6 +354,8 @@ def moment_prior_log_bayes_factor(
     """
     from scipy.special import log_ndtr
 
+    # Rounding may leave no variance at all to what the readings determine by far.
+    variance = np.maximum(variance, np.square(ROUNDING * spread))
     deviation = np.sqrt(variance)
     sign = np.nan_to_num(signs)
     ratio = sign * mean / deviation
