@@ -37,7 +37,9 @@ LEAST_ERROR = 0.01
 """Change of an error of a meter or of a parameter that no report prints, in its deviations."""
 FIRST_SEED = 54_000_000
 _NOISES = ("0.1 %", "0.4 %")
-_IN_PERCENT = re.compile(r"probability$|shrinkage$|fraction$|looks\[\d+\]\.p_value$|interval\[\d\]$")
+_IN_PERCENT = re.compile(
+    r"probability$|shrinkage$|fraction$|looks\[\d+\]\.p_value$|interval\[\d\]$"
+)
 _IN_DEVIATIONS = "/deviation"
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
