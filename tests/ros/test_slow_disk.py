@@ -200,6 +200,13 @@ def test_logs_set_aside_are_pruned(start_node, paper_file, table2, tmp_path):
     assert node.logged() == len(table2)
 
 
+def replace_by(path, content):
+    """Replace a file at once: the node may read it at any moment."""
+    new = path.with_suffix(".new")
+    new.write_bytes(content)
+    new.replace(path)
+
+
 def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
     node, paper_file, table2
 ):
@@ -207,7 +214,7 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
     raw = bytearray(node.bench_file.read_bytes())
     place = raw.index(b",0.", raw.index(b"\n")) + 3
     raw[place] ^= 1  # another digit
-    node.bench_file.write_bytes(raw)
+    replace_by(node.bench_file, raw)
     node.set(reidentify_min_samples=8)
     reply = node.player.call("reidentify", 60.0)
     assert not reply.success and "7 samples" in reply.data["error"]
@@ -215,7 +222,7 @@ def test_damage_while_it_runs_is_found_before_a_job_works_on_it(
     assert node.status()["level"] == DiagnosticStatus.WARN
 
     # The same file under its name comes through the same door.
-    node.bench_file.write_bytes(raw)
+    replace_by(node.bench_file, raw)
     node.set(samples_file=node.bench_file.name)
     assert "7 samples" in node.player.call("reidentify", 60.0).data["error"]
     aside = node.state / "bench_samples.cleared-9.csv"
