@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hmcvt_core.benches.unit import UnitChange, UnitDiagnosis, diagnose_unit
+from hmcvt_core.diagnosis.results.outcome import NAMING
 from hmcvt_core.files.units import UnitSamples
 
 from .rig import SOUND_COOLER, Mask, Rig
@@ -125,7 +126,7 @@ def poor_coolers(rig: Rig, with_temperature: bool) -> list[Run]:
         change = _change(rig, warm, baseline, with_temperature, 0, held_out_part=0.0)
         diagnosis = change.diagnosis
         leads = bool(diagnosis.sets) and "oil_temperature" in diagnosis.sets[0].effects
-        right = leads and diagnosis.verdict in ("cause_found", "ambiguous")
+        right = leads and diagnosis.verdict in NAMING
         if not with_temperature:
             right = right or diagnosis.verdict == "unexplained"
         kind = _kind("poor cooler", with_temperature)
