@@ -151,22 +151,22 @@ def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
         empirical: whether bumps may be part of it.
     """
     campaign = _Campaign(diagnosis)
-    predictions = {BASE: campaign.base}
+    left_out = {BASE: campaign.base}
     if diagnosis.named is not None:
-        predictions[LEADING_SET] = campaign.leading
+        left_out[LEADING_SET] = campaign.leading
     if empirical and len(campaign.observed) >= SMALL_CAMPAIGN:
-        predictions[AVERAGE] = campaign.average
-    before = predictions[BASE].left_out
+        left_out[AVERAGE] = campaign.average
+    before = left_out[BASE]
     best = BASE
     for kind, margin in MARGINS.items():
-        if kind in predictions:
-            errors = predictions[kind].left_out
-            if campaign.gains(predictions[best].left_out, errors, margin):
+        if kind in left_out:
+            errors = left_out[kind]
+            if campaign.gains(left_out[best], errors, margin):
                 best = kind
     if best == BASE:
         return HandedOver(BASE, diagnosis.base, 0, rms(before), rms(before))
     model, bumps = campaign.model_of(best)
-    after = predictions[best].left_out
+    after = left_out[best]
     root_mean_square = np.sqrt(np.mean(after**2, axis=0))
     model = with_misfit(diagnosis, model, root_mean_square)
     return HandedOver(best, model, bumps, rms(before), rms(after))
@@ -187,17 +187,6 @@ def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """Errors of a prediction of the efficiency.
-
-    Attributes:
-        left_out: at samples left out, of each assignment to folds, shape (assignments, n) [-].
-    """
-
-    left_out: Array
-
-
 class _Campaign:
     """A campaign that is diagnosed, and the predictions that compete.
 
@@ -215,12 +204,14 @@ class _Campaign:
         ]
 
     @cached_property
-    def base(self) -> _Prediction:
-        return _Prediction(self._errors(self.posterior.base_only))
+    def base(self) -> Array:
+        """Errors of the base model at samples left out [-], shape (assignments, n)."""
+        return self._errors(self.posterior.base_only)
 
     @cached_property
-    def leading(self) -> _Prediction:
-        return _Prediction(self._errors(self._leading))
+    def leading(self) -> Array:
+        """Errors with the leading set, as `base`."""
+        return self._errors(self._leading)
 
     @property
     def _leading(self) -> Explanation:
@@ -228,8 +219,8 @@ class _Campaign:
         return explanation
 
     @cached_property
-    def average(self) -> _Prediction:
-        """The average over the explanations with the Gaussian process."""
+    def average(self) -> Array:
+        """Errors of the average over the explanations with the Gaussian process, as `base`."""
         average = np.zeros((len(self.assignments), len(self.observed)))
         for explanation, probability in self.posterior.entries:
             average += probability * self._errors(explanation)
@@ -242,7 +233,7 @@ class _Campaign:
                     self._coordinates[:, fold], self._stage[fold]
                 )
             rows.append(corrected)
-        return _Prediction(np.stack(rows))
+        return np.stack(rows)
 
     def _errors(self, explanation: Explanation) -> Array:
         """Return errors of the efficiency at samples left out, shape (assignments, n)."""
@@ -373,11 +364,7 @@ class _Campaign:
         """Return tests that can be run between the lowest and highest of each axis."""
         fit = self.posterior.base_only.fit
         tests = fit.hypothesis.system.candidates(self.observed.points, fit.base)
-        campaign = self.observed.coordinates
-        possible = self.observed.coordinates_of(tests)
-        low = campaign.min(axis=1, keepdims=True)
-        high = campaign.max(axis=1, keepdims=True)
-        inside = ((possible >= low) & (possible <= high)).all(axis=0)
+        inside = self.observed.is_inside(self.observed.coordinates_of(tests))
         return {name: np.asarray(tests[name])[inside] for name in self.observed.points}
 
     def _average_at(self, points: Points) -> Array:
