@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""`python -m studies.benchmarks`: time everything and write docs/benchmarks.md."""
+"""`python -m studies.benchmarks`: time everything and write docs/studies/benchmarks.md."""
 
 import argparse
 import os
@@ -22,7 +22,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.benchmarks", description=__doc__
     )
-    parser.add_argument("--out", type=Path, default=Path("docs/benchmarks.md"))
+    parser.add_argument("--out", type=Path, default=Path("docs/studies/benchmarks.md"))
     parser.add_argument(
         "--quick",
         action="store_true",

@@ -38,7 +38,7 @@ from .running import ROOT, run, script, write_raw_bench
 pytestmark = pytest.mark.slow
 
 DOCS = ROOT / "docs"
-PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
+PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md")))
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 NAMES = cli.list_commands(click.Context(cli))
 PARSED_ONLY = {
@@ -391,7 +391,7 @@ def _check_study(module, words):
 def _pages_with_python():
     """Pages whose Python examples run from beginning to end."""
     pages = []
-    for path in sorted(DOCS.glob("*.md")):
+    for path in sorted(DOCS.rglob("*.md")):
         if "import hmcvt_core as hmcvt\n" in "".join(_python(path)):
             pages.append(path)
     return [*pages, DOCS / "api-effects.md"]
@@ -500,7 +500,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     ) in output
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda path: path.name)
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda path: path.name)
 def test_links_of_the_pages_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):

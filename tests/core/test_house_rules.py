@@ -136,7 +136,7 @@ print(_cores() >= 1)
 
 
 def test_the_pages_quote_as_cmd_does():
-    for page in (SOURCE.parent / "README.md", *(SOURCE.parent / "docs").glob("*.md")):
+    for page in (SOURCE.parent / "README.md", *(SOURCE.parent / "docs").rglob("*.md")):
         for line in page.read_text(encoding="utf-8").splitlines():
             if line.strip().startswith(("hmcvt ", "pip ", "python ")):
                 assert "'" not in line.partition("#")[0], (page, line)
