@@ -26,7 +26,7 @@ def test_tables_of_the_pages_agree_with_the_code():
 
 
 def test_priors_of_the_page_are_those_of_the_code():
-    page = read("docs/diagnosis.md")
+    page = read("docs/diagnosis-method.md")
     names = {
         kind.name for kind in library() if kind.__module__.startswith("hmcvt_core.")
     }
