@@ -7,7 +7,7 @@ A campaign is drawn from stage HM4 of the paper with parameters of its own; the 
 exact, and the noise of the efficiency is normal with the paper's 1.12 %. Parameters and the
 efficiency at fresh points within the data are compared with their 90 % intervals. Where the
 noise is not stated and a model has a misfit, its intervals are those of a further reading (see
-`docs/identify.md`), and a fresh reading is compared with them.
+`docs/identify-reference.md`), and a fresh reading is compared with them.
 """
 
 from __future__ import annotations
