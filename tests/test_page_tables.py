@@ -44,7 +44,7 @@ def test_priors_of_the_page_are_those_of_the_code():
         assert int(number) == count
         assert float(share) == pytest.approx(prior / count, rel=0.05)
     for words, prior in (
-        ("misfit of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
+        ("error of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
         ("unlisted loss alone", settings.PRIOR_UNLISTED),
     ):
         (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)

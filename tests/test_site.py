@@ -41,7 +41,9 @@ def _with_base(path):
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_page_is_wider_than_the_screen(site, tmp_path, part):
     names = PAGES[part::PARTS]
-    pages = {name.replace("/", "-"): _with_base(site / f"{name}.html") for name in names}
+    pages = {
+        name.replace("/", "-"): _with_base(site / f"{name}.html") for name in names
+    }
     measured = laid_out(pages, tmp_path).pages
     assert len(measured) == 2 * len(names)
     wide = {
