@@ -487,6 +487,30 @@ def test_tutorial(hmcvt, workplace):
     )
 
 
+def test_page_on_predictions(hmcvt, workplace):
+    page = (DOCS / "predict.md").read_text(encoding="utf-8")
+    followed(hmcvt, page, 15)
+
+
+def test_fuel_in_the_readme(hmcvt, workplace):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    strategies = ("causal", "engine_line", "fixed_speed")
+    printed = [
+        hmcvt("mission", "ploughing", "--strategy", strategy).out
+        for strategy in strategies
+    ]
+    litres = [re.search(r"\(([\d.]+) l\)", text)[1] for text in printed]
+    assert re.findall(r"^\| .* \| ([\d.]+) l \|$", readme, re.MULTILINE) == litres
+    bounded = hmcvt("mission", "ploughing", "--bound").out
+    (above,) = re.findall(r"is ([\d.]+) % above the least fuel", readme)
+    assert f"the strategy is {above} % above the best possible" in bounded
+    engine, drawbar = re.search(
+        r"engine ([\d.]+) kWh, drawbar ([\d.]+) kWh", readme
+    ).groups()
+    assert f"engine work {engine} kWh" in bounded
+    assert re.search(rf"drawbar +{drawbar}\d* kWh", bounded)
+
+
 def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
     (example,) = re.findall(

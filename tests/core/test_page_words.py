@@ -48,7 +48,6 @@ PRIVATE_WORDS = {
 
 WAITING = {
     "baseline.md",
-    "design-diagnosis.md",
     "studies/blind.md",
     "studies/poisoning.md",
     "studies/real.md",
@@ -59,8 +58,9 @@ WAITING = {
 
 
 def prose(text):
-    """Return the text of a page without code, comments and targets of links."""
-    text = re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.DOTALL)
+    """Return the text of a page without generated tables, code and targets of links."""
+    generated = r"<!-- \w+: begin -->.*?<!-- \w+: end -->"
+    text = re.sub(rf"{generated}|```.*?```|<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"^(    |\t).*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"`[^`]*`", "", text)
     return re.sub(r"\]\([^)]*\)", "]", text)
