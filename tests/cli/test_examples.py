@@ -409,6 +409,8 @@ def test_python_of_a_page(workplace, path):
     program.write_text("\n".join(_python(path)), encoding="utf-8")
     done = script(program, cwd=workplace)
     assert done.returncode == 0, done.stderr
+    for name in re.findall(r'savefig\("([\w.-]+)"', program.read_text("utf-8")):
+        assert (workplace / name).is_file() and (DOCS / "pictures" / name).is_file()
 
 
 def test_python_of_the_readme(workplace):
