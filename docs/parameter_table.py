@@ -1,5 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Write the table of parameters in docs/node-reference.md anew: `python docs/parameter_table.py`."""
+"""Write the table of parameters in docs/node-reference.md.
+
+`python docs/parameter_table.py` writes it.
+"""
 
 from pathlib import Path
 

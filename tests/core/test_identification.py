@@ -81,7 +81,8 @@ def campaign(name, table2):
 def test_annealing_arrives_by_itself(table2, name):
     """Within 0.01 %, and least squares finishes it: every seed ends at the same parameters.
 
-    100 of 100 seeds do (docs/studies/annealing.md); in one round, or with fewer chains, most do not.
+    100 of 100 seeds do (docs/studies/annealing.md); in one round, or with fewer chains, most do
+    not.
     """
     found = [hmcvt.identify(campaign(name, table2), seed=seed) for seed in range(4)]
     assert max(fit.annealing_objective for fit in found) < 1.0001 * LOWEST[name]
