@@ -10,7 +10,7 @@ import click
 from ..benches import transmission
 from ..benches.unit import UnitChange, UnitDiagnosis, diagnose_unit, put_into
 from ..diagnosis import Diagnosis
-from ..diagnosis.wording import plain
+from ..diagnosis.results.sentences import handed_over
 from ..files.bench import BenchSamples, read_bench
 from ..files.logs.opening import is_log
 from ..files.units import AXES, KINDS, UnitSamples, read_unit
@@ -145,19 +145,13 @@ def _answer(
 def _contents(diagnosis: Diagnosis) -> str:
     """Return in words what the saved model holds, and its error at samples left out."""
     delivered = diagnosis.delivered
-    if delivered.kind == "base":
+    added = handed_over(diagnosis)
+    if not added:
         return " without an effect"
-    parts = []
-    if diagnosis.named is not None:
-        leading = diagnosis.sets[0]
-        names = " and ".join(plain(name) for name in leading.effects)
-        parts.append(f"{names} ({100 * leading.probability:.0f} %)")
-    if delivered.bumps:
-        parts.append(f"an empirical remainder of {delivered.bumps} bumps")
     before = 100.0 * delivered.rmse_before
     after = 100.0 * delivered.rmse_after
     errors = f"{before:.2f} -> {after:.2f} points rms at samples left out"
-    return f" with {' and '.join(parts)} ({errors})"
+    return f" with {added} ({errors})"
 
 
 @common.command(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
-from ..diagnosis.results.outcome import NAMING, Cause
+from ..diagnosis.results.outcome import Cause
 from ..diagnosis.statements.members import Member
 
 VERDICTS = {
@@ -161,7 +161,7 @@ def how_far(diagnosis: Diagnosis) -> Measure:
             f"{words.amount(diagnosis, gap.noise)}",
         )
     shrinkage = diagnosis.shrinkage
-    if diagnosis.verdict not in NAMING or shrinkage.fraction is None:
+    if shrinkage.fraction is None:
         delivered = diagnosis.delivered
         before = words.amount(diagnosis, delivered.rmse_before)
         after = words.amount(diagnosis, delivered.rmse_after)

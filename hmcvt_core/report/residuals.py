@@ -9,6 +9,7 @@ import numpy as np
 
 from ..diagnosis import Diagnosis
 from ..diagnosis.results import text as words
+from ..diagnosis.results.outcome import BASE
 from ..diagnosis.results.stages import mean_and_rms, residuals_by_stage, stages_of
 from ..diagnosis.system import Axis
 from ..transmission.ranges import Array
@@ -110,10 +111,8 @@ def stage_head(diagnosis: Diagnosis) -> list[str]:
 def _panels(diagnosis: Diagnosis) -> dict[str, Array]:
     """Return residuals before and after by title."""
     panels = {"Base model, refitted": diagnosis.residuals_before}
-    if diagnosis.verdict == "unexplained":
-        panels["Best listed effect added"] = diagnosis.residuals_after
-    elif diagnosis.verdict != "no_gap":
-        panels["With the effect added"] = diagnosis.residuals_after
+    if diagnosis.delivered.kind != BASE:
+        panels["Model handed over"] = diagnosis.residuals_after
     return panels
 
 

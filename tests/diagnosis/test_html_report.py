@@ -17,7 +17,7 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis, NextTest, ShrinkageSummary
 from hmcvt_core.diagnosis.results import text as words
-from hmcvt_core.diagnosis.results.outcome import CauseSet
+from hmcvt_core.diagnosis.results.outcome import CauseSet, keeping_base
 from hmcvt_core.diagnosis.results.stages import stages_of
 from hmcvt_core.diagnosis.statements.agreement import Agreement, Look
 from hmcvt_core.diagnosis.statements.members import Member
@@ -122,7 +122,7 @@ def diagnosis(name: str) -> Diagnosis:
         both = CauseSet((first.effect, second.effect), 0.6, first.gap_after, None)
         return replace(found, causes=(*pair, *others), sets=(both, *found.sets[:2]))
     if name == "unexplained":
-        return replace(many(found), verdict=name, next_tests=())
+        return keeping_base(replace(many(found), verdict=name, next_tests=()))
     if name == "one_stroke":
         return replace(one_stroke(diagnosis("pair")), verdict="cause_found")
     if name == "holdout":
