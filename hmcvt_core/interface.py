@@ -4,7 +4,7 @@
 The public names are those of `hmcvt_core` itself. The names below serve programs that process bench
 data or run the model for a long time, as `hmcvt_ros` does. They keep their names and meaning within
 a minor version; everything else inside the core may change at any time. Commands for the command
-line use `hmcvt_core.cli.common` in addition (docs/cli.md).
+line use `hmcvt_tools.cli.common` in addition (docs/cli.md).
 
 | for | names |
 |---|---|
@@ -16,6 +16,9 @@ line use `hmcvt_core.cli.common` in addition (docs/cli.md).
 | processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
 """
 
+import typing
+
+from . import moved
 from .files import plain
 from .files.atomic import (
     free_name,
@@ -26,26 +29,7 @@ from .files.atomic import (
     write_atomically,
 )
 from .files.bench import joined
-from .files.steady import (
-    SETTLED,
-    Readings,
-    Shafts,
-    Steadiness,
-    SteadyWindow,
-    block_statistics,
-    channels,
-    complaint,
-    held,
-    limit,
-    require_positive,
-    split_at_gaps,
-    steady_tests,
-)
-from .files.tables.units import UNITS
-from .fleet import ONE_BLAS_THREAD
 from .identification.refit import MAX_CHANGE, refit
-from .mission import Drive, Vehicle, load_vehicle
-from .mission.controller import Controller
 from .model.optimum import HOLDS
 from .transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from .transmission.ranges import (
@@ -71,36 +55,50 @@ __all__ = [
     "LOAD_TORQUE",
     "MAX_CHANGE",
     "OIL_TEMPERATURE",
-    "ONE_BLAS_THREAD",
     "OUTPUT_SPEED",
     "PAPER_EFFICIENCY_UNCERTAINTY",
     "POINT_RANGES",
-    "SETTLED",
-    "UNITS",
-    "Controller",
-    "Drive",
     "Range",
-    "Readings",
-    "Shafts",
-    "Steadiness",
-    "SteadyWindow",
-    "Vehicle",
-    "block_statistics",
-    "channels",
-    "complaint",
     "free_name",
-    "held",
     "joined",
-    "limit",
-    "load_vehicle",
     "make_folder",
     "numbered",
     "plain",
     "refit",
     "remove_leftovers",
-    "require_positive",
-    "split_at_gaps",
-    "steady_tests",
     "sync_folder",
     "write_atomically",
 ]
+
+_MOVED = frozenset(
+    {
+        "Controller",
+        "Drive",
+        "ONE_BLAS_THREAD",
+        "Readings",
+        "SETTLED",
+        "Shafts",
+        "Steadiness",
+        "SteadyWindow",
+        "UNITS",
+        "Vehicle",
+        "block_statistics",
+        "channels",
+        "complaint",
+        "held",
+        "limit",
+        "load_vehicle",
+        "require_positive",
+        "split_at_gaps",
+        "steady_tests",
+    }
+)
+
+
+def __getattr__(name: str) -> typing.Any:
+    """Return a name that moved to `hmcvt_tools`, with a `DeprecationWarning`."""
+    return moved.from_tools(__name__, name, _MOVED)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MOVED})

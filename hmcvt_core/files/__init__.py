@@ -31,7 +31,7 @@ def data_path(name: str) -> Path:
 
 @singledispatch
 def picture(shown: Any, *options: Any, **named: Any) -> Any:
-    """Return a matplotlib figure of a result; `hmcvt_core.report` says how for each kind.
+    """Return a matplotlib figure of a result; `hmcvt_tools.report` says how for each kind.
 
     It stands above what it draws, which is why it registers here.
     """

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hmcvt_tools.tables.units import holds_units
+
 from ..errors import InputError
 from ..transmission.ranges import (
     BENCH_COLUMNS,
@@ -24,7 +26,6 @@ from ..transmission.ranges import (
 from .atomic import write_atomically
 from .checks import is_dataframe, is_path, require_path, wrong_type
 from .table import Table, csv_text, read_plain
-from .tables.units import holds_units
 
 _NAMES = frozenset(column.name for column in BENCH_COLUMNS)
 

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hmcvt_tools.tables.rules import meaning_of
+from hmcvt_tools.tables.units import holds_units
+
 from ..errors import InputError
 from ..files import picture, plain
 from ..files.checks import require_path
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
-from ..files.tables.rules import meaning_of
-from ..files.tables.units import holds_units
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 

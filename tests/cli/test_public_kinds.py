@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as core
-from hmcvt_core.files.units import read_unit
 from hmcvt_core.model.engine import load_engine
+from hmcvt_tools.tables.unit_table import read_unit
 
 RPM = np.pi / 30.0
 HEAD = "stroke [%],n_engine [rpm],load torque [N m],eta [%]"

@@ -95,7 +95,7 @@ def without_posix(code, folder, stand_in=""):
 
 def test_commands_where_much_of_posix_is_missing(tmp_path):
     code = f"""
-from hmcvt_core.cli import main
+from hmcvt_tools.cli import main
 for arguments in (
         "identify {TABLE2} --out p.yaml", "predict {TABLE2} --json", "breakdown "
         "--displacement-ratio 0.5 --engine-speed 1400rpm --load-torque 200 --picture b.svg",
@@ -114,8 +114,8 @@ def test_a_fleet_holds_its_folder_with_the_lock_of_windows(tmp_path):
     code = """
 from pathlib import Path
 from hmcvt_core import InputError
-from hmcvt_core.fleet.executors import Processes
-from hmcvt_core.fleet.run import locked
+from hmcvt_tools.fleet.executors import Processes
+from hmcvt_tools.fleet.run import locked
 with locked(Path("out")), Processes(1):
     try:
         with locked(Path("out")):
@@ -124,7 +124,7 @@ with locked(Path("out")), Processes(1):
         print(error)
 with locked(Path("out")):
     print("free")
-from hmcvt_core.cli.fleet import _cores
+from hmcvt_tools.cli.fleet import _cores
 print(_cores() >= 1)
 """
     done = without_posix(code, tmp_path, MSVCRT)
