@@ -9,19 +9,13 @@ SENTINELS: tuple[float, ...] = (
     *(6553.5, 655.35, 3276.7, -3276.8, 327.67, -327.68, -9999.99, 9.9e37, 9.91e37),
 )
 """Numbers that loggers write for "no value"."""
-
-
 NUMBER = re.compile(
     r"([+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eEdD][+-]?\d+)?)(?:\s*([^\d\s.,].*))?"
 )
-
-
+"""A number, and what stands behind it."""
 BLANKS = re.compile(r"(?<=\d)[ '\u2019\u00a0\u202f](?=\d{3}(?!\d))")
-
-
+"""Blanks between thousands."""
 _GROUPED_POINTS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
-
-
 _GROUPED_COMMAS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -63,9 +57,20 @@ def no_number(name: str, cell: str) -> str:
         )
     if cell.startswith("#"):
         return f"{name} {cell!r} is an error or a gap of the spreadsheet"
-    if parsed(cell, False)[0] in SENTINELS:
+    if _stands_for_no_value(cell):
         return f"{name} {cell!r} is a code for no value"
     cure = ""
     if re.search(r"\d[.,]\d", cell):
         cure = ": write a decimal point, and nothing between thousands"
     return f"{name} {cell!r} is not a number{cure}"
+
+
+def _stands_for_no_value(cell: str) -> bool:
+    """Return whether a cell holds a number that loggers write for "no value"."""
+    hit = NUMBER.fullmatch(BLANKS.sub("", cell.strip()))
+    if hit is None or hit[2]:
+        return False
+    try:
+        return float(with_point(hit[1], comma=False)) in SENTINELS
+    except ValueError:
+        return False

@@ -12,8 +12,6 @@ from pathlib import Path
 from ..errors import InputError
 
 _MAX_BYTES = 256 * 1024 * 1024
-
-
 # First bytes of a file, what it is, and what reads it.
 _BINARY = (
     (b"PAR1", "a Parquet file", "pandas.read_parquet(...).to_csv(...)"),
@@ -90,6 +88,16 @@ def read_text(path: str | os.PathLike[str], utf_16: bool = False) -> tuple[str, 
 
 
 def decoded(raw: bytes, path: str | os.PathLike[str], utf_16: bool) -> str:
+    """Return the text of a file: UTF-8, or else a legacy encoding.
+
+    Args:
+        raw: content of the file.
+        path: of the file, for messages.
+        utf_16: whether to read UTF-16 too.
+
+    Raises:
+        InputError: the file holds no text.
+    """
     if utf_16 and raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         with suppress(UnicodeDecodeError):
             return raw.decode("utf-16")

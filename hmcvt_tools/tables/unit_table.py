@@ -22,7 +22,6 @@ from .units import holds_units, to_si, unit_of
 
 AXES = ("displacement_ratio", "speed", "pressure")
 
-
 _TURN = 2.0 * np.pi
 _SHORT = {
     "stroke": "displacement_ratio",

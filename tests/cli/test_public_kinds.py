@@ -602,6 +602,8 @@ def engine_table(head, more=()):
         "rpm [1/min],engine torque [Nm],FC [g/h]",
         "Drehzahl [1/min],Drehmoment [Nm],Verbrauch [g/h]",
         "fc_spd_RPM,fc_trq_Nm,fc_fuel_g_h",
+        "n_e [rpm],T [Nm],fuel used [g/h]",
+        "Measured speed [rpm],mean torque [Nm],fuel rate [g/h]",
     ],
 )
 def test_an_engine_map_under_other_names(tmp_path, head):

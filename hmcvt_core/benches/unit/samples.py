@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...transmission.ranges import Array
 
 KINDS = ("pump", "motor")
-
+"""Kinds of hydrostatic units."""
 
 METER_DEVIATION = 0.0034
 """Standard deviation of a flow or torque against the ideal one, as a part, where none is stated.
@@ -21,18 +21,11 @@ METER_DEVIATION = 0.0034
 ISO 4409, class A: errors up to 0.5 % of each reading, three deviations. Four readings are in it:
 flow and speed, or torque and pressure, and those two by which the displacement was found.
 """
-
-
 _GAUGE_DEVIATION = 5e4  # Pa; the same class near zero, as of a transmission's pressure
-
-
 LOSSES = ("flow_loss", "torque_loss")
-
-
+"""The two losses that a bench for units measures."""
 READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
 """Quantities that a bench may read, the one in which a gap is measured first."""
-
-
 TELLING = 1e5
 """Pressure below which a mechanical efficiency tells no torque [Pa]."""
 
