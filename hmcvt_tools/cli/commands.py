@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The command line: thin commands over the core.
+"""All commands of `hmcvt` by name, and how one is run.
 
 A command has a line in `COMMANDS` and returns its answer (`common.answers`). Other packages add
 commands through the entry-point group `hmcvt.commands`: name = module:click_command.
@@ -111,7 +111,7 @@ class _Commands(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in COMMANDS:
-            target = f"{__name__}.{COMMANDS[cmd_name][0]}"
+            target = f"{__package__}.{COMMANDS[cmd_name][0]}"
             command: click.Command = EntryPoint(cmd_name, target, GROUP).load()
             return command
         entry = _installed().get(cmd_name)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hmcvt_core.errors import InputError
 from hmcvt_core.transmission.ranges import RPM
 
 _SPEED = {
@@ -240,8 +241,12 @@ _POWER_OF_TEN = re.compile(
 
 @lru_cache(maxsize=1)
 def _registry() -> Any:
-    import pint
-
+    try:
+        import pint
+    except ImportError:
+        raise InputError(
+            'units beyond the usual ones need pint: pip install ".[tools]"'
+        ) from None
     registry: Any = pint.UnitRegistry()
     registry.define("daN = 10 * newton")
     return registry
@@ -284,8 +289,9 @@ def _unit_by_pint(text: str) -> Unit | None:
         return None
     written = re.sub(r"(?<=[A-Za-z])[ \u00b7.-]+(?=[A-Za-z])", "*", text)
     written = re.sub(r"(?<=[a-z])(?=\d)", "**", written)
+    registry = _registry()
     try:
-        unit = _registry().parse_units(written)
+        unit = registry.parse_units(written)
     except Exception:  # pint raises errors of many kinds for what is no unit
         return None
     kind = _kind_by_dimension(unit)
