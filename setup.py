@@ -24,12 +24,16 @@ setup(
     version=VERSION,
     license="Apache-2.0",
     python_requires=">=3.10",
-    packages=[*find_packages(include=["hmcvt_core*", "hmcvt_ros*"]), *SHIPPED],
+    packages=[
+        *find_packages(include=["hmcvt_core*", "hmcvt_tools*", "hmcvt_ros*"]),
+        *SHIPPED,
+    ],
     package_dir=SHIPPED,
     include_package_data=False,
     package_data={
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
+        "hmcvt_tools": ["py.typed"],
         "hmcvt_tools.export": ["templates/*"],
         "hmcvt_tools.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
