@@ -6,6 +6,18 @@
     model.efficiency(displacement_ratio, engine_speed, load_torque)
 
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
+
+monitoring      the watch on a stream of samples
+benches         what the diagnosis needs of a transmission or a unit
+identification  bench samples in, parameters out
+model           lookup, optimum, map, parameter file
+diagnosis       inference on any system; knows no transmission
+physics         power balance, effects, formulas of the paper
+files           the core's own files: bench CSV, YAML, atomic writes
+transmission    gear train, parameters, ranges
+
+Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
+`hmcvt_tools`.
 """
 
 import typing

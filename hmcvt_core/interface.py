@@ -3,17 +3,16 @@
 
 The public names are those of `hmcvt_core` itself. The names below serve programs that process bench
 data or run the model for a long time, as `hmcvt_ros` does. They keep their names and meaning within
-a minor version; everything else inside the core may change at any time. Commands for the command
-line use `hmcvt_tools.cli.common` in addition (docs/cli.md).
+a minor version; everything else inside the core may change at any time. What packages build on
+`hmcvt_tools` is in `hmcvt_tools.__all__`; names that moved there are still found here, with a
+warning.
 
 | for | names |
 |---|---|
 | ranges of quantities | `Range`, `BENCH_COLUMNS`, `POINT_RANGES`, `DISPLACEMENT_RATIO`, ... |
 | files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
-| steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
 | a model in service | `refit`, `MAX_CHANGE`, `joined`, `HOLDS`, `PAPER_EFFICIENCY_UNCERTAINTY` |
-| control of the drive line | `Controller`, `Drive`, `Vehicle`, `load_vehicle` |
-| processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
+| replies | `plain` |
 """
 
 import typing

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What brings `hmcvt_core` data and takes its results: commands, tables, logs, reports, exports.
+"""Data in and results out of `hmcvt_core`: commands, tables and logs, reports, exports, missions.
 
 cli         the command `hmcvt`
 report      pages and pictures of results

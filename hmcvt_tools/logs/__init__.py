@@ -3,5 +3,6 @@
 
 A log gives its signals in pieces (`Log.pieces`), so that a file may be larger than the memory. The
 readers are `mdf`, `tdms` and `bus`; `opening` chooses one. `joining` brings signals of different
-rates to one time axis, and `quantities` turns channels into quantities in SI units.
+rates to one time axis, and `selection` turns channels into quantities in SI units. `log_import`
+cuts the steady parts into bench samples.
 """
