@@ -13,7 +13,6 @@ from ...diagnosis import Diagnosis
 from ...diagnosis.results.outcome import NAMING
 from ...errors import InputError
 from ...files import preformatted
-from ...files.units import TELLING, UnitSamples
 from ..baseline import (
     Baseline,
     Control,
@@ -24,6 +23,7 @@ from ..baseline import (
 )
 from ..transmission.channels import OIL_TEMPERATURE
 from .refusal import refuse_contradicted
+from .samples import TELLING, UnitSamples
 from .sound import (
     ChangedUnit,
     SoundUnit,

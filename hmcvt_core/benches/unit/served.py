@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...diagnosis.fitting.hypothesis import Hypothesis
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.system import Array
-from ...files.units import UnitSamples
+from .samples import UnitSamples
 from .sound import ChangedUnit, fit_sound_unit
 from .system import (
     FRICTION,

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from ...diagnosis.observations import Observations
 from ...diagnosis.settings import PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, Channel, Points
-from ...files.units import UnitSamples, sign_of
 from ...physics.effects.base import Effect, ShaftState
 from ...physics.effects.hydraulic import (
     Compressibility,
@@ -53,6 +52,7 @@ from ...physics.effects.wear import (
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT
 from ..transmission.channels import OIL_TEMPERATURE
+from .samples import UnitSamples, sign_of
 from .system import (
     METER_GAIN,
     PAPER_DISPLACEMENT,
