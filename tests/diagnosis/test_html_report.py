@@ -419,7 +419,7 @@ def test_the_script_sorts_the_table_and_finds_a_test_everywhere(tmp_path: Path) 
 
 
 def test_of_many_samples_an_even_part_is_drawn_on_a_page_of_moderate_size() -> None:
-    for drawn in ("map-displacement-ratio-load-torque", "residuals-1"):
+    for drawn in ("map-displacement-ratio-load-torque", "residuals-0"):
         assert 200 < figure("unexplained", drawn).count(" points</title>") <= 400
     assert (
         text("unexplained").count("A part of the samples is drawn, evenly picked.") == 2
