@@ -66,6 +66,23 @@ COMMANDS = {
 }
 """Module and name of each command, and what it does."""
 
+SECTIONS = {
+    "Model": ("identify", "predict", "optimum", "map", "breakdown", "transmission"),
+    "Gap between model and bench": (
+        "diagnose",
+        "next",
+        "separable",
+        "watch",
+        "unit",
+        "fleet",
+    ),
+    "Data in and out": ("import", "import-bag", "export"),
+    "Machine": ("mission", "estimate", "node"),
+}
+"""Sections of the help; a command of another package that is in none comes last."""
+HIDDEN = ("import-csv",)
+"""Commands that work and are not listed."""
+
 GROUP = "hmcvt.commands"
 
 
@@ -122,13 +139,16 @@ class _Commands(click.Group):
     def format_commands(
         self, ctx: click.Context, formatter: click.HelpFormatter
     ) -> None:
-        lines = []
-        for name, (_, summary) in COMMANDS.items():
-            lines.append((name, summary))
+        summaries = {name: summary for name, (_, summary) in COMMANDS.items()}
         for name, entry in _installed().items():
-            lines.append((name, _load(entry).get_short_help_str(formatter.width)))
-        with formatter.section("Commands"):
-            formatter.write_dl(lines)
+            summaries[name] = _load(entry).get_short_help_str(formatter.width)
+        listed = {name for names in SECTIONS.values() for name in names}
+        others = tuple(sorted(summaries.keys() - listed - set(HIDDEN)))
+        for title, names in {**SECTIONS, "Other packages": others}.items():
+            lines = [(name, summaries[name]) for name in names if name in summaries]
+            if lines:
+                with formatter.section(title):
+                    formatter.write_dl(lines)
 
 
 @click.group(
