@@ -521,7 +521,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     output = followed(hmcvt, example, 6)
     assert (workplace / "better.yaml").is_file()
     assert (
-        "model with bearing drag (30 %) (0.95 -> 0.49 points rms at samples left out) written to "
+        "model with bearing drag (0.95 -> 0.49 points rms at samples left out) written to "
         "better.yaml"
     ) in output
 
