@@ -16,39 +16,31 @@ from ..files.raw import Column, Imported, Proposal, choose_columns, import_table
 from ..files.tables.header import RawTable
 from ..files.tables.mapping import mapping_text, read_mapping
 from ..files.tables.units import UNITS
+from ..transmission.quantities import QUANTITIES
 from ..transmission.ranges import BENCH_COLUMNS
 from . import common, logs
 from .common import Answer
 
-_TEXTS = {
-    "displacement_ratio": "Pump stroke.",
-    "engine_torque": "With output torque and speed it gives the efficiency.",
-    "output_torque": "At the output shaft.",
-    "load_torque": "Output power / engine speed.",
-    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
-    "efficiency_std": "Standard deviation of the efficiency.",
-    "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
-    "pressure": "Over the motor, high minus low side.",
-    "stage": "Stage engaged, as text.",
-}
+_STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 
 
 def _quantity_options() -> Callable[[common.Function], common.Function]:
-    """Return one option for each quantity."""
+    """Return one option for each quantity, and one for the stage."""
     made = []
-    for quantity in (*UNITS, "stage"):
-        units = UNITS.get(quantity)
-        words = [_TEXTS.get(quantity, "")]
-        if units:
-            words.append(f"[{', '.join(units)}]")
-        made.append(
-            click.option(
-                f"--{quantity.replace('_', '-')}",
-                metavar="COLUMN[:UNIT]",
-                help=" ".join(word for word in words if word),
-            )
-        )
+    for quantity in QUANTITIES:
+        units = ", ".join(UNITS[quantity.name])
+        meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
+        if quantity.name == "stamp":
+            meaning = f"{meaning}, {_STAMP_UNITS}"
+        made.append(_quantity_option(quantity.name, f"{meaning}. [{units}]"))
+    made.append(_quantity_option("stage", "Stage engaged, as text."))
     return common.options(*made)
+
+
+def _quantity_option(quantity: str, text: str) -> Callable[[Any], Any]:
+    """Return the option that names the column of a quantity."""
+    name = f"--{quantity.replace('_', '-')}"
+    return click.option(name, metavar="COLUMN[:UNIT]", help=text)
 
 
 @common.command(

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..transmission.quantities import BY_NAME
 from ..transmission.ranges import BENCH_COLUMNS, Array
 from .bench import BenchSamples, column_name
 from .recordings import cut, even_columns, is_recording, looks_recorded, powers
@@ -30,8 +31,8 @@ from .tables.no_tests import confirmed_torque, rows_without_test
 from .tables.numbers import is_number, no_number, not_available, parsed
 from .tables.proposal import (
     INPUTS,
+    OPTIONAL,
     OUTPUTS,
-    RANGES,
     Column,
     Proposal,
     Question,
@@ -58,7 +59,6 @@ __all__ = [
 ]
 
 _KEPT = tuple(column.name for column in BENCH_COLUMNS)
-_OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
@@ -638,7 +638,7 @@ def _drop_empty(
 ) -> list[str]:
     """Remove optional quantities of which most cells are empty; return what was removed."""
     notes = []
-    for quantity in _OPTIONAL:
+    for quantity in OPTIONAL:
         if quantity not in values or np.isnan(values[quantity]).mean() <= 0.5:
             continue
         name = columns[quantity].name
@@ -780,7 +780,7 @@ def _bad_rows(
     for row, reason in summary_rows(table).items():
         bad.setdefault(row, reason)
     for quantity, column in values.items():
-        limits = RANGES[quantity]
+        limits = BY_NAME[quantity]
         remark = _COMPUTED
         if quantity in columns:
             name, unit, _ = columns[quantity]

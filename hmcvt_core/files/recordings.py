@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..transmission.quantities import BY_NAME, STORED
 from ..transmission.ranges import Array
 from .steady import (
     Readings,
@@ -25,7 +26,6 @@ from .steady import (
 )
 from .tables.header import RawTable
 from .tables.numbers import last_digit
-from .tables.proposal import RANGES
 
 _RECORDED = 100
 """Rows from which a table with a step of at most `_STEP` is a recording."""
@@ -272,7 +272,7 @@ def out_of_range_note(reasons: Sequence[str]) -> str:
     return f"{note} ({listed})"
 
 
-_NOT_AVERAGED = ("pressure", "efficiency_std")
+_NOT_AVERAGED = tuple(column.name for column in STORED if not column.averaged)
 
 
 def _averaged_signals(values: Mapping[str, Array]) -> dict[str, Array]:
@@ -312,7 +312,7 @@ def _in_range(
     cleaned = {}
     notes = []
     for name, column in signals.items():
-        limits = RANGES[name]
+        limits = BY_NAME[name]
         # An engine that coasts turns torques and powers round; a shaft may stand.
         least = -limits.high if name not in ("engine_speed", "oil_temperature") else 0.0
         if name == "oil_temperature":
