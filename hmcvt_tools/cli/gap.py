@@ -16,6 +16,7 @@ from hmcvt_core.files.bench import BenchSamples, read_bench
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.monitoring import FALSE_ALARMS
 from hmcvt_core.monitoring import watch as watch_samples
+from hmcvt_core.transmission.quantities import PREDICTED
 
 from ..logs.opening import is_log
 from ..report import write_report
@@ -27,6 +28,18 @@ from .common import Answer, Output
 from .gap_cost import cycle_from, with_gap_cost
 from .logs import OPEN
 
+_READ_TOO = common.options(
+    *(
+        click.option(
+            f"--{channel.name.replace('_', '-')}",
+            is_flag=True,
+            help=f"As if this were read too: {channel.meaning}.",
+        )
+        for channel in PREDICTED
+        if not channel.required
+    )
+)
+"""Options for the channels that a bench may lack."""
 READERS = "hmcvt.readers"
 """Entry points that read bench samples from other files: ending (or `folder`) = function(path)."""
 
@@ -194,32 +207,22 @@ def next_test(
     common.params_option,
 )
 @click.argument("plan", metavar="PLAN.csv")
-@click.option(
-    "--output-speed", is_flag=True, help="As if the output speed were read too."
-)
-@click.option(
-    "--pressure", is_flag=True, help="As if the pressure over the motor were read too."
-)
+@_READ_TOO
 @click.option("--matrix", is_flag=True, help="Print every pair as a number too.")
 def separable(
     plan: str,
     noise: float | None,
     matrix: bool,
     params: str | None,
-    output_speed: bool,
-    pressure: bool,
+    **read_too: bool,
 ) -> Answer:
     """Report which effects a test plan can show and distinguish, before any test is run.
 
     PLAN.csv needs displacement_ratio, engine_speed and load_torque; an efficiency in it is not
-    used. Column oil_temperature counts as read, columns output_speed and pressure too.
+    used. Further columns, such as oil_temperature, count as read.
     """
     model = common.model_from(params)
-    channels = []
-    if output_speed:
-        channels.append("output_speed")
-    if pressure:
-        channels.append("pressure")
+    channels = [name for name, is_read in read_too.items() if is_read]
     points = transmission.read_plan(plan, model, channels)
     isolability = transmission.separable(model, points, noise=noise)
     return Answer(isolability.to_dict(), [isolability.report(matrix)])

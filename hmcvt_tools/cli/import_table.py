@@ -11,6 +11,7 @@ import click
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.bench import BenchSamples, write_bench
+from hmcvt_core.transmission.quantities import QUANTITIES
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
 
 from ..logs.opening import is_log
@@ -21,35 +22,26 @@ from ..tables.units import UNITS
 from . import common, logs
 from .common import Answer
 
-_TEXTS = {
-    "displacement_ratio": "Pump stroke.",
-    "engine_torque": "With output torque and speed it gives the efficiency.",
-    "output_torque": "At the output shaft.",
-    "load_torque": "Output power / engine speed.",
-    "torque_loss": "Of engine torque, at the input shaft; gives load torque.",
-    "efficiency_std": "Standard deviation of the efficiency.",
-    "stamp": "Time of the test, a number or a date; UNIT may be dmy or mdy.",
-    "pressure": "Over the motor, high minus low side.",
-    "stage": "Stage engaged, as text.",
-}
+_STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 
 
 def _quantity_options() -> Callable[[common.Function], common.Function]:
-    """Return one option for each quantity."""
+    """Return one option for each quantity, and one for the stage."""
     made = []
-    for quantity in (*UNITS, "stage"):
-        units = UNITS.get(quantity)
-        words = [_TEXTS.get(quantity, "")]
-        if units:
-            words.append(f"[{', '.join(units)}]")
-        made.append(
-            click.option(
-                f"--{quantity.replace('_', '-')}",
-                metavar="COLUMN[:UNIT]",
-                help=" ".join(word for word in words if word),
-            )
-        )
+    for quantity in QUANTITIES:
+        units = ", ".join(UNITS[quantity.name])
+        meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
+        if quantity.name == "stamp":
+            meaning = f"{meaning}, {_STAMP_UNITS}"
+        made.append(_quantity_option(quantity.name, f"{meaning}. [{units}]"))
+    made.append(_quantity_option("stage", "Stage engaged, as text."))
     return common.options(*made)
+
+
+def _quantity_option(quantity: str, text: str) -> Callable[[Any], Any]:
+    """Return the option that names the column of a quantity."""
+    name = f"--{quantity.replace('_', '-')}"
+    return click.option(name, metavar="COLUMN[:UNIT]", help=text)
 
 
 @common.command(

@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hmcvt_core.transmission.quantities import BY_NAME
 from hmcvt_core.transmission.ranges import Array
 
 from .header import RawTable
-from .proposal import RANGES, Column, unit_is_stated
+from .proposal import Column, unit_is_stated
 from .rules import meaning_of
 from .units import to_si
 
@@ -60,7 +61,7 @@ def rows_without_test(
     if confirmed is None:
         return reasons
     for quantity in ("engine_speed", "load_torque"):
-        limits = RANGES[quantity]
+        limits = BY_NAME[quantity]
         beyond = confirmed.rows & ~limits.contains(values[quantity])
         for index in np.flatnonzero(beyond).tolist():
             reasons.setdefault(
@@ -158,7 +159,7 @@ def _beyond(
     Where a map has settings in overrun, or beyond the highest value, all rows there are left out,
     also those of a setting of few points.
     """
-    limits = RANGES[quantity]
+    limits = BY_NAME[quantity]
     repeated = _repeated(setting)
     masks: list[_Mask] = []
     backward = setting < 0.0
@@ -192,7 +193,7 @@ def _faster(speed: Array) -> NDArray[np.bool_]:
 
     A mistyped speed, and rows in another unit, stand apart from the others.
     """
-    limit = RANGES["engine_speed"].high
+    limit = BY_NAME["engine_speed"].high
     faster = speed > limit
     slower = speed[(speed > 0.0) & (speed <= limit)]
     if faster.sum() < _FEWEST_AT_SETTING or not len(slower):
@@ -205,7 +206,7 @@ def _faster(speed: Array) -> NDArray[np.bool_]:
 
 def _load_beyond(load: Array, setting: Array) -> _Mask:
     """Return the rows of settings of the engine at which every load torque is too large."""
-    limits = RANGES["load_torque"]
+    limits = BY_NAME["load_torque"]
     _, position = np.unique(setting, return_inverse=True)
     within = np.bincount(position, weights=load <= limits.high)
     rows = _repeated(setting) & (within[position] == 0)

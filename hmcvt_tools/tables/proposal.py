@@ -17,7 +17,8 @@ import numpy as np
 
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.numbers import no_number
-from hmcvt_core.transmission.ranges import BENCH_COLUMNS, Array, Range
+from hmcvt_core.transmission.quantities import BY_NAME, QUANTITIES
+from hmcvt_core.transmission.ranges import Array
 
 from .header import RawTable
 from .numbers import Numbers, Style, finite_share, not_available
@@ -25,19 +26,6 @@ from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
 from .units import UNITS, kind_of, plain_text, to_si, unit_of
 
-RANGES: Mapping[str, Range] = {
-    **{column.name: column for column in BENCH_COLUMNS},
-    **{
-        name: Range(name, 0.1, 20_000.0, "N m", "positive in forward driving")
-        for name in ("engine_torque", "output_torque")
-    },
-    **{
-        name: Range(name, 10.0, 2e6, "W", "positive in forward driving")
-        for name in ("engine_power", "output_power")
-    },
-    "torque_loss": Range("torque_loss", 0.0, 20_000.0, "N m", "not negative"),
-}
-"""Plausible range of every quantity, in SI units."""
 INPUTS = ("engine_torque", "engine_power")
 OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")
 _OF_OUTPUT = ("load_torque", "output_torque", "output_power")
@@ -80,8 +68,12 @@ _LIKELY_UNITS = (
 most at 320 rad/s, and slower than that in r/min only at idle."""
 _NAMES_OF_STAGE = ("gear", "range", "gear range", "speed range")
 """Names of the column of stages; within a longer name these words mean something else."""
-_OPTIONAL = ("oil_temperature", "pressure", "efficiency_std", "stage")
-"""Quantities that samples do without, so that a doubt about them is a note."""
+OPTIONAL = tuple(
+    quantity.name
+    for quantity in QUANTITIES
+    if quantity.stored and (quantity.joint or quantity.name == "stamp")
+)
+"""Quantities that samples do without, and that do not make up the power."""
 _DECIMALS = ("--decimal point", "--decimal comma")
 _SAME = 1e-9
 """Part by which one value in two units differs at most, by rounding of floating point."""
@@ -282,9 +274,11 @@ def propose(
     for name in doubtful:
         del spares[name]
     notes += _excluded(table, {*given, *proposed})
-    notes += _without_optional(_OPTIONAL, proposed, questions)
-    if averaged:
-        notes += _without_optional(["stamp"], proposed, questions)
+    # A doubt about what samples do without is a note; tests do without a time.
+    aside = ["stage", *OPTIONAL]
+    if not averaged:
+        aside.remove("stamp")
+    notes += _without_optional(aside, proposed, questions)
     _merge_decimals(questions)
     open_questions = []
     for name, question in questions.items():
@@ -483,7 +477,7 @@ def _brackets(meaning: Meaning) -> list[str]:
 
 def _mostly_in_range(quantity: str, unit: str, values: Array) -> bool:
     """Return whether most values of a column are plausible in a unit."""
-    limits = RANGES.get(_with_side(quantity))
+    limits = BY_NAME.get(_with_side(quantity))
     if not unit or limits is None:
         return False
     inside = limits.contains(_in_si(quantity, unit, values))

@@ -17,6 +17,7 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.bench import BenchSamples, column_name
 from hmcvt_core.files.numbers import is_number, no_number
+from hmcvt_core.transmission.quantities import BY_NAME
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, Array
 
 from .checks import (
@@ -31,8 +32,8 @@ from .no_tests import confirmed_torque, rows_without_test
 from .numbers import not_available, parsed
 from .proposal import (
     INPUTS,
+    OPTIONAL,
     OUTPUTS,
-    RANGES,
     Column,
     Proposal,
     Question,
@@ -60,7 +61,6 @@ __all__ = [
 ]
 
 _KEPT = tuple(column.name for column in BENCH_COLUMNS)
-_OPTIONAL = ("oil_temperature", "efficiency_std", "stamp", "pressure")
 _COMPUTED = (
     "; computed from torques and speeds of the shafts: check their columns and units"
 )
@@ -640,7 +640,7 @@ def _drop_empty(
 ) -> list[str]:
     """Remove optional quantities of which most cells are empty; return what was removed."""
     notes = []
-    for quantity in _OPTIONAL:
+    for quantity in OPTIONAL:
         if quantity not in values or np.isnan(values[quantity]).mean() <= 0.5:
             continue
         name = columns[quantity].name
@@ -782,7 +782,7 @@ def _bad_rows(
     for row, reason in summary_rows(table).items():
         bad.setdefault(row, reason)
     for quantity, column in values.items():
-        limits = RANGES[quantity]
+        limits = BY_NAME[quantity]
         remark = _COMPUTED
         if quantity in columns:
             name, unit, _ = columns[quantity]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.errors import InputError
+from hmcvt_core.transmission.quantities import BY_NAME, STORED
 from hmcvt_core.transmission.ranges import Array
 
 from ..steady import (
@@ -26,7 +27,6 @@ from ..steady import (
 )
 from .header import RawTable
 from .numbers import last_digit
-from .proposal import RANGES
 
 _RECORDED = 100
 """Rows from which a table with a step of at most `_STEP` is a recording."""
@@ -273,7 +273,7 @@ def out_of_range_note(reasons: Sequence[str]) -> str:
     return f"{note} ({listed})"
 
 
-_NOT_AVERAGED = ("pressure", "efficiency_std")
+_NOT_AVERAGED = tuple(column.name for column in STORED if not column.averaged)
 
 
 def _averaged_signals(values: Mapping[str, Array]) -> dict[str, Array]:
@@ -313,7 +313,7 @@ def _in_range(
     cleaned = {}
     notes = []
     for name, column in signals.items():
-        limits = RANGES[name]
+        limits = BY_NAME[name]
         # An engine that coasts turns torques and powers round; a shaft may stand.
         least = -limits.high if name not in ("engine_speed", "oil_temperature") else 0.0
         if name == "oil_temperature":

@@ -1,9 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which words, units and sides of the transmission name which quantity.
 
-`WORDS` gives the meaning of each word, in several languages. `RULES` says which meanings make a
-quantity. Every word of a name counts: a word that is not listed is reported, so that the proposal
-can ask instead of passing over it. To add a language, add its words to `WORDS`.
+`WORDS` gives the meaning of each word, in several languages. The registry of quantities
+(`transmission.quantities`) says which meanings make a quantity. Every word of a name counts: a word
+that is not listed is reported, so that the proposal can ask instead of passing over it. To add a
+language, add its words to `WORDS`.
 """
 
 import re
@@ -11,6 +12,8 @@ from collections.abc import Mapping, Set
 from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
+
+from hmcvt_core.transmission.quantities import QUANTITIES, Heading
 
 from .units import Unit, plain_text, unit_of, usual_unit
 
@@ -174,51 +177,24 @@ _WEAK_SYMBOLS = frozenset("mTtPpsw")
 """Letters that alone, without a unit, do not name a quantity for sure."""
 
 
-class Rule(NamedTuple):
-    """One quantity and the meanings that its name must and must not have.
-
-    Attributes:
-        quantity: a key of `units.UNITS`, or `stage`.
-        kind: one of `KINDS`.
-        side: `engine`, `output` or `load` of the transmission; `""` where none applies.
-        needs: further meanings of which the name has one; empty for none.
-        excludes: meanings that the name must not have.
-    """
-
-    quantity: str
-    kind: str
-    side: str = ""
-    needs: tuple[str, ...] = ()
-    excludes: tuple[str, ...] = ()
-
-    def holds(self, means: Set[str], sides: Set[str]) -> bool:
-        """Return whether a name of the same kind with these meanings names the quantity."""
-        if self.side and self.side not in sides:
-            return False
-        if self.needs and means.isdisjoint(self.needs):
-            return False
-        return means.isdisjoint(self.excludes)
-
-
-RULES = (
-    Rule("efficiency_std", "efficiency", needs=("std",)),
-    Rule("efficiency", "efficiency", excludes=("std", "pump", "engine")),
-    Rule("displacement_ratio", "stroke", excludes=("std",)),
-    Rule("oil_temperature", "temperature", excludes=("std", "engine")),
-    Rule("pressure", "pressure", excludes=("std", "feed", "engine", "oil", "output")),
-    Rule("stamp", "time", excludes=("std", "engine")),
-    Rule("stage", "stage", excludes=("std",)),
-    Rule("engine_speed", "speed", "engine", excludes=("std",)),
-    Rule("output_speed", "speed", "output", excludes=("std",)),
-    Rule("output_speed", "speed", "load", excludes=("std",)),
-    Rule("torque_loss", "torque", needs=("loss",), excludes=("std", "output", "load")),
-    Rule("engine_torque", "torque", "engine", excludes=("std", "loss")),
-    Rule("output_torque", "torque", "output", excludes=("std", "loss")),
-    Rule("load_torque", "torque", "load", excludes=("std", "loss")),
-    Rule("engine_power", "power", "engine", excludes=("std",)),
-    Rule("output_power", "power", "output", excludes=("std",)),
-    Rule("output_power", "power", "load", excludes=("std",)),
+RULES: tuple[tuple[str, str, Heading], ...] = (
+    *(
+        (quantity.name, quantity.kind, heading)
+        for quantity in QUANTITIES
+        for heading in quantity.headings
+    ),
+    ("stage", "stage", Heading()),
 )
+"""Quantity, what it measures, and a heading that names it."""
+
+
+def _is_named_by(heading: Heading, means: Set[str], sides: Set[str]) -> bool:
+    """Return whether a name of the same kind with these meanings is a heading of a quantity."""
+    if heading.side and heading.side not in sides:
+        return False
+    if heading.needs and means.isdisjoint(heading.needs):
+        return False
+    return means.isdisjoint(heading.excludes)
 
 
 class Meaning(NamedTuple):
@@ -449,7 +425,9 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
-    excluding = _excluding(parts.words, kind, means)
+    # What a heading needs does not speak against its quantity.
+    claimed, needed = _claimed(kind, means)
+    excluding = _excluding(parts.words, kind, means - needed)
     if excluding:
         return Meaning("", kind, unit, unknown, problem, excluded=excluding)
     if kind in SHAFT_KINDS and not _PERCENT.isdisjoint(words) and unit is None:
@@ -458,7 +436,9 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     if kind == "time" and unknown and "time" not in _kinds(parts.words):
         # A duration in a name that is not understood, such as the length of a pulse.
         return Meaning("", kind, unit, unknown, problem)
-    quantity, side_problem = _by_rules(kind, means, words)
+    quantity, side_problem = claimed, ""
+    if not claimed:
+        quantity, side_problem = _by_rules(kind, means, words)
     clash = _kinds_clash(quantity, kind, words)
     problem = problem or side_problem or clash
     return Meaning(quantity, kind, unit, unknown, problem, weak)
@@ -619,6 +599,15 @@ def _sides_by_letter(words: list[str]) -> set[str]:
     return by_letter - by_word
 
 
+def _claimed(kind: str, means: set[str]) -> tuple[str, set[str]]:
+    """Return the quantity of which a heading needs a meaning, and what it needs; `""` for none."""
+    sides = means & {"engine", "output", "load"}
+    for quantity, measured, heading in RULES:
+        if heading.needs and measured == kind and _is_named_by(heading, means, sides):
+            return quantity, set(heading.needs)
+    return "", set()
+
+
 def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     """Return the quantity that the rules give, and what stays open about the side.
 
@@ -639,9 +628,9 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
         return "", "it may be the pressure of one side, not high minus low"
     if kind == "temperature" and not _may_be_of_oil(means, words):
         return "", ""
-    for rule in RULES:
-        if rule.kind == kind and rule.holds(means, sides):
-            return rule.quantity, ""
+    for quantity, measured, heading in RULES:
+        if measured == kind and _is_named_by(heading, means, sides):
+            return quantity, ""
     return "", ""
 
 

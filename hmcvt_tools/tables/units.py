@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hmcvt_core.errors import InputError
+from hmcvt_core.transmission.quantities import BY_NAME, QUANTITIES
 from hmcvt_core.transmission.ranges import RPM
 
 _SPEED = {
@@ -38,20 +39,14 @@ _FLOW = {
     "m3/h": 1.0 / 3600.0,
 }
 _TURN = 2.0 * np.pi
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+_USUAL: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
-        "displacement_ratio": _STROKE,
-        "engine_speed": _SPEED,
-        "output_speed": _SPEED,
-        "engine_torque": _TORQUE,
-        "output_torque": _TORQUE,
-        "load_torque": _TORQUE,
-        "torque_loss": _TORQUE,
-        "engine_power": _POWER,
-        "output_power": _POWER,
+        "stroke": _STROKE,
+        "speed": _SPEED,
+        "torque": _TORQUE,
+        "power": _POWER,
         "efficiency": _PART,
-        "efficiency_std": _PART,
-        "oil_temperature": {
+        "temperature": {
             "deg C": 1.0,
             "degC": 1.0,
             "C": 1.0,
@@ -59,9 +54,14 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
             "deg F": 5.0 / 9.0,
             "K": 1.0,
         },
-        "stamp": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+        "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
         "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757},
+        "flow": _FLOW,
     }
+)
+"""Usual units of the kinds of quantities, each with its size in the first one."""
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {quantity.name: _USUAL[quantity.kind] for quantity in QUANTITIES}
 )
 """Size of the units of every quantity in the one that hmcvt keeps it in, which is the first."""
 
@@ -77,9 +77,9 @@ KIND_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
             "lb in": 0.1129848290276167,
         },
         "power": _POWER,
-        "temperature": UNITS["oil_temperature"],
-        "time": UNITS["stamp"],
-        "pressure": UNITS["pressure"],
+        "temperature": _USUAL["temperature"],
+        "time": _USUAL["time"],
+        "pressure": _USUAL["pressure"],
         "flow": _FLOW,
         "velocity": {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704, "ft/s": 0.3048},
         "force": {"N": 1.0, "kN": 1e3, "daN": 10.0, "lbf": 4.4482216152605},
@@ -340,15 +340,10 @@ def to_si(kind: str, unit: str) -> tuple[float, float]:
 
 def kind_of(quantity: str) -> str:
     """Return what a quantity measures, a key of `KIND_UNITS`."""
-    last = quantity.rpartition("_")[2]
-    special = {
-        "ratio": "part",
-        "efficiency": "part",
-        "std": "part",
-        "stamp": "time",
-        "loss": "torque",
-    }
-    return special.get(last, last)
+    if quantity in BY_NAME:
+        kind = BY_NAME[quantity].kind
+        return "part" if kind in ("stroke", "efficiency") else kind
+    return quantity.rpartition("_")[2]
 
 
 _NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)

@@ -476,7 +476,7 @@ def test_next_test_and_stop():
     plan = few.select(np.arange(3))
     limited = hmcvt.next_test(BASE, few, noise=NOISE, possible=plan)
     assert limited.tests[0].point["engine_speed"] in plan.engine_speed
-    in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)[2])
+    in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)["pressure"])
     assert (
         "the unit of the pressure"
         in hmcvt.next_test(BASE, in_bar, noise=NOISE).notes[0]

@@ -161,11 +161,12 @@ def test_diagnosis_of_the_node_is_that_of_the_command_line(
     temperature = np.round(rng.uniform(40.0, 80.0, len(samples)), 1)
     points = samples.points._replace(oil_temperature=temperature)
     truth = replace(base, effects=(OilTemperature(1.5),))
-    efficiency, output_speed, pressure = truth.readings_at(points)
+    read = truth.readings_at(points)
+    pressure = read["pressure"]
     samples = replace(
         samples,
-        efficiency=efficiency + rng.normal(0.0, 0.002, len(samples)),
-        output_speed=output_speed,
+        efficiency=read["efficiency"] + rng.normal(0.0, 0.002, len(samples)),
+        output_speed=read["output_speed"],
         pressure=pressure,
         oil_temperature=temperature,
         efficiency_std=np.full(len(samples), 0.002),

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.fitting.refit import refit
-from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
+from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
 from ...diagnosis.wording import plain
 from .change import SoundMachine
@@ -116,6 +116,7 @@ class Baseline:
             notes.insert(0, self._control_warning())
             if verdict in NAMING:
                 verdict = "unexplained"
+                diagnosis = keeping_base(diagnosis)
         if diagnosis.gap.significant:
             notes += self._growth_notes(diagnosis)
             notes += self._curve_notes(diagnosis)

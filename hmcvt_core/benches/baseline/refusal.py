@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 from ...diagnosis import Diagnosis
-from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
+from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.wording import plain
 
 BOUND_PART = 1e-3
@@ -86,15 +86,12 @@ def _refused(diagnosis: Diagnosis, reason: str) -> Diagnosis:
     causes.sort(
         key=lambda cause: (cause.effect not in sets[0].effects, -cause.probability)
     )
-    before = diagnosis.delivered.rmse_before
     return replace(
-        diagnosis,
+        keeping_base(diagnosis),
         verdict="unexplained",
         causes=tuple(causes),
         sets=sets,
         unlisted=min(diagnosis.unlisted + leading.probability, 1.0),
-        delivered=replace(diagnosis.delivered, rmse_after=before),
-        parameters=diagnosis.base_parameters,
         notes=(*diagnosis.notes, f"{reason}: it counts as unlisted"),
     )
 

@@ -23,13 +23,14 @@ from ..baseline import (
     control_and_rest,
     judge_control,
 )
+from .channels import CHANNELS, OIL_TEMPERATURE
 from .meters import with_meter_errors
 from .misfit import with_misfits
 from .readings import observe
 from .sound import SoundTransmission, fit_sound_transmission, observe_change
 from .system import Transmission
 
-COMPARED = ("output_speed", "pressure", "oil_temperature")
+COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
 FEWEST_CHANGED = 5
 """Fewest samples of the changed transmission, as of any diagnosis."""
@@ -140,8 +141,7 @@ def _sound(
         seed: of every random number.
         notes: are extended.
     """
-    pressure = samples.pressure is not None
-    system = Transmission(model, pressure)
+    system = Transmission(model, samples.columns)
     observed = with_meter_errors(observe(samples, noise, list(model.stages)), system)
     of_sound = with_misfits(diagnose_system(system, observed, seed=seed))
     if of_sound.verdict in NAMING:
@@ -150,9 +150,7 @@ def _sound(
             f"the baseline itself differs from the model: {effects} "
             f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
         )
-    return fit_sound_transmission(
-        of_sound.model, observed, pressure, of_sound.parameters
-    )
+    return fit_sound_transmission(of_sound.model, observed, of_sound.parameters)
 
 
 def _answered(

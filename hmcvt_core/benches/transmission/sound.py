@@ -27,16 +27,16 @@ from ...physics.effects import library
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT, Growth
-from .base import PRESSURE_GAIN_TOLERANCE, PRESSURE_ZERO_TOLERANCE, scaled_base
+from .base import gauge_errors, scaled_base
 from .channels import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
     LOAD_TORQUE,
     OIL_TEMPERATURE,
-    PRESSURE_CHANNEL,
     STAGE,
+    by_name,
 )
-from .meters import GAIN_DEVIATION, with_meter_errors
+from .meters import with_meter_errors
 from .readings import observe
 from .system import Transmission
 
@@ -97,15 +97,15 @@ class SoundTransmission:
 
     def sound_at(self, points: Points) -> tuple[Array, Array]:
         """Return mean and covariance of the channels, shapes (channels, n), (channels, n, n)."""
-        predicted = self._base_prediction(points)
-        slopes = _slopes(self.system, self.base, points)
+        predicted = by_name(self._base_prediction(points))
+        slopes = by_name(_slopes(self.system, self.base, points))
         means = []
         covariances = []
         for channel, remainder in zip(self.channels, self.remainders, strict=True):
-            row = self.system.channels.index(_of_name(self.system, channel.name))
-            columns = _padded(slopes[row], remainder.training.columns.shape[1])
+            count = remainder.training.columns.shape[1]
+            columns = _padded(slopes[channel.name], count)
             mean, covariance = remainder.predict(_stacked(points), columns)
-            means.append(predicted[row] + mean)
+            means.append(predicted[channel.name] + mean)
             covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
 
@@ -123,29 +123,19 @@ class SoundTransmission:
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""
         changed = self.system.predict(self.base, effects, points)
-        change = changed - self._base_prediction(points)
-        rows = [
-            self.system.channels.index(_of_name(self.system, channel.name))
-            for channel in self.channels
-        ]
-        return np.asarray(change[rows])
+        change = by_name(changed - self._base_prediction(points))
+        return np.stack([change[channel.name] for channel in self.channels])
 
     def meter_errors(self, points: Points, sound: Array) -> tuple[list[str], Array]:
         """Return names of errors of the meters, and what one deviation of each changes."""
-        names = ["efficiency_gain"]
-        of_gain = np.zeros_like(sound)
-        of_gain[0] = GAIN_DEVIATION / CLASS_TO_DRIFT * sound[0]
-        errors = [of_gain]
         channels = [channel.name for channel in self.channels]
-        if PRESSURE_CHANNEL.name in channels:
-            row = channels.index(PRESSURE_CHANNEL.name)
-            of_gain = np.zeros_like(sound)
-            of_gain[row] = PRESSURE_GAIN_TOLERANCE / CLASS_TO_DRIFT * sound[row]
-            of_zero = np.zeros_like(sound)
-            of_zero[row] = PRESSURE_ZERO_TOLERANCE / CLASS_TO_DRIFT
-            names += ["pressure_gain", "pressure_zero"]
-            errors += [of_gain, of_zero]
-        return names, np.stack(errors)
+        errors = gauge_errors(channels)
+        changes = np.zeros((len(errors), *sound.shape))
+        for change, error in zip(changes, errors, strict=True):
+            row = channels.index(error.channel)
+            deviation = error.deviation / CLASS_TO_DRIFT
+            change[row] = deviation * error.change_at(sound[row])
+        return [error.name for error in errors], changes
 
     def candidates(self, points: Points) -> Points:
         """Return a grid of tests over the range of the campaign."""
@@ -207,7 +197,6 @@ class SoundTransmission:
 def fit_sound_transmission(
     model: EfficiencyModel,
     observed: Observations,
-    pressure: bool,
     parameters: Mapping[str, ParameterEstimate],
 ) -> SoundTransmission:
     """Fit what a model leaves of sound samples.
@@ -216,10 +205,9 @@ def fit_sound_transmission(
         model: refitted to the sound samples.
         observed: the sound samples with the errors of their meters, in the channels that are
             compared.
-        pressure: whether the pressure is one of them.
         parameters: base parameters of the model with their standard errors.
     """
-    system = Transmission(model, pressure)
+    system = Transmission(model, [channel.name for channel in observed.channels])
     base = scaled_base(system.base, model.parameters)
     predicted = system.predict(base, (), observed.points)
     slopes = _slopes(system, base, observed.points)
@@ -290,11 +278,6 @@ def observe_change(
         noise_source="scatter of the baseline",
         assumed=False,
     )
-
-
-def _of_name(system: Transmission, name: str) -> Channel:
-    """Return the channel of a bench by its name."""
-    return next(channel for channel in system.channels if channel.name == name)
 
 
 def _stacked(points: Points) -> Array:
