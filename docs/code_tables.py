@@ -9,20 +9,9 @@ from pathlib import Path
 
 from hmcvt_core.physics.effects import library
 from hmcvt_core.physics.effects.base import Effect, EffectParameter
-from hmcvt_core.transmission.ranges import BENCH_COLUMNS, REQUIRED_COLUMNS, Range
+from hmcvt_core.transmission.quantities import STORED, Quantity
 
 FOLDER = Path(__file__).parent
-MEANINGS = {
-    "displacement_ratio": "commanded stroke of the pump as a fraction of full stroke",
-    "engine_speed": "speed of the engine shaft",
-    "load_torque": "output power / engine speed",
-    "efficiency": "output power / engine power",
-    "output_speed": "speed of the output shaft",
-    "oil_temperature": "temperature of the oil",
-    "efficiency_std": "standard deviation of the efficiency of this test",
-    "stamp": "time of the test",
-    "pressure": "pressure over the motor, high side minus low side",
-}
 
 
 def pages() -> dict[str, str]:
@@ -36,8 +25,8 @@ def pages() -> dict[str, str]:
 
 def bench_columns() -> str:
     """Return the columns of a bench file as Markdown."""
-    rows = [_column(column) for column in BENCH_COLUMNS]
-    head = "| column | unit | allowed | meaning |\n|---|---|---|---|\n"
+    rows = [_column(column) for column in STORED]
+    head = "| column | symbol | unit | allowed | meaning |\n|---|---|---|---|---|\n"
     return head + "".join(rows)
 
 
@@ -63,11 +52,11 @@ def _with_table(text: str, table: str) -> str:
     return f"{before}{begin}\n{table}\n{end}{after}"
 
 
-def _column(column: Range) -> str:
-    required = " (required)" if column.name in REQUIRED_COLUMNS else ""
+def _column(column: Quantity) -> str:
+    meaning = column.meaning + (" (required)" if column.required else "")
     allowed = f"{column.low:g} to {column.high:g}"
-    meaning = MEANINGS[column.name] + required
-    return f"| `{column.name}` | {column.unit} | {allowed} | {meaning} |\n"
+    symbol = column.symbol or "-"
+    return f"| `{column.name}` | {symbol} | {column.unit} | {allowed} | {meaning} |\n"
 
 
 def _section(name: str, forms: list[type[Effect]]) -> str:

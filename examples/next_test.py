@@ -34,8 +34,8 @@ PLANT = replace(MODEL, effects=(PressureLeakage(6e-12),))
 def measure(points: OperatingPoints, rng: np.random.Generator) -> hmcvt.BenchSamples:
     """Read efficiency and output speed of the plant."""
     readings = PLANT.readings_at(points)
-    efficiency = readings[0]
-    speed = readings[1]
+    efficiency = readings["efficiency"]
+    speed = readings["output_speed"]
     return hmcvt.BenchSamples(
         displacement_ratio=points.displacement_ratio,
         engine_speed=points.engine_speed,

@@ -17,22 +17,30 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.interface import make_folder, sync_folder, write_atomically
+from hmcvt_core.interface import (
+    BENCH_COLUMNS,
+    make_folder,
+    sync_folder,
+    write_atomically,
+)
 
 from .state_folder import Series, next_name, require_no_link
 
-COLUMNS = (
-    "stamp",
-    "displacement_ratio",
-    "engine_speed",
-    "load_torque",
-    "efficiency",
-    "output_speed",
+FROM_SHAFTS = tuple(
+    column.name
+    for column in BENCH_COLUMNS
+    if not column.joint and column.name != "stamp"
 )
+"""Columns that follow from the joints of the shafts."""
+COLUMNS = ("stamp", *FROM_SHAFTS)
+"""Columns that every sample has."""
 STATED = {
     "stated_std": "efficiency_std",
-    "stated_oil_temperature": "oil_temperature",
-    "stated_pressure": "pressure",
+    **{
+        f"stated_{column.name}": column.name
+        for column in BENCH_COLUMNS
+        if column.joint and column.name != "efficiency_std"
+    },
 }
 """Columns that may be empty, with their names in `BenchSamples`. They are called otherwise here,
 because a bench file has a value of all samples or of none."""
@@ -45,8 +53,7 @@ _HEADER_WITH_STAGE = (*_HEADER[:-1], "stage", "crc")
 _CHAINED = (*COLUMNS, "stated_std", "crc", "chain")
 """Columns of an earlier version, in which a second checksum depended on the row before."""
 _CHAINED_WITH_STAGE = (*_CHAINED[:-2], "stage", "crc", "chain")
-_HEADERS = (_HEADER, _HEADER_WITH_STAGE, _CHAINED, _CHAINED_WITH_STAGE)
-_EARLIER = {len(header) for header in _HEADERS[2:]}
+_EARLIER = {len(_CHAINED), len(_CHAINED_WITH_STAGE)}
 """Counts of cells of an earlier version; each count is that of one header."""
 _MARK = ",".join(COLUMNS).encode()
 """What the first line of every log holds."""
@@ -85,7 +92,8 @@ class _Reading(NamedTuple):
     Attributes:
         rows: intact rows of the log's kind, in the order of their numbers.
         damaged: numbers of the lines that are no intact rows, from 1.
-        strangers: numbers of the lines that are rows of the other kind, with stages or without.
+        strangers: numbers of the lines that are rows of the other kind, with stages or without,
+            or of a later version.
         repeats: count of rows that stand there more than once.
     """
 
@@ -221,8 +229,8 @@ class BenchLog:
             aside = self._rename("cleared")
             self._begin()
             self.recovered = (
-                f"{self.path}: was of another model, one with stages or without, "
-                f"and is set aside as {aside}"
+                f"{self.path}: was of another model, one with stages or without, or of "
+                f"another version, and is set aside as {aside}"
             )
             return
         self._written = None  # until it has been written
@@ -345,16 +353,16 @@ def require_intact(path: Path) -> None:
         OSError: the file cannot be read.
     """
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
-        header = tuple(_cells(file.readline(_ROW_BYTES).rstrip(b"\n")))
-        if header not in _HEADERS:
+        first = file.readline(_ROW_BYTES)
+        header = _cells(first.rstrip(b"\n"))
+        if not _is_header(header):
             return
         rest = file.read(_ROW_BYTES * _ROWS_READ)
         if file.read(1):
             raise InputError(f"{path.name}: more than {len(rest)} bytes, too many")
-        damaged = _read(rest, len(header)).damaged
+        damaged = _read(first + rest, len(header)).damaged
         if damaged:
-            # One more for the header.
-            lines = _listed([str(number + 1) for number in damaged])
+            lines = _listed([str(number) for number in damaged])
             raise InputError(f"{path.name}: damaged is line {lines}: take it out")
 
 
@@ -405,11 +413,15 @@ def _read(raw: bytes, cells: int) -> _Reading:
     strangers = []
     repeats = 0
     last = 0
+    numbers = _NUMBERS
     for place, line in enumerate(raw.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
         values = _cells(line)
-        if not any(values) or tuple(values) in _HEADERS:
+        if _is_header(values):
+            numbers = _numbers_of(values)
             continue
-        row = _intact(values)
+        if not any(values):
+            continue
+        row = _intact(values, numbers)
         if row is None:
             damaged.append(place)
         elif row.text.count(b",") != cells - 3:
@@ -439,8 +451,30 @@ def _cells(line: bytes) -> list[str]:
     return [cell.strip('"') for cell in text.split(",")]
 
 
-def _intact(cells: Sequence[str]) -> _Row | None:
-    """Return the row in the cells of a line; None where its checksum does not match."""
+def _is_header(cells: Sequence[str]) -> bool:
+    """Return whether a line is the header of a log, also of an earlier version."""
+    names = tuple(cells)
+    if names in (_CHAINED, _CHAINED_WITH_STAGE):
+        return True
+    # Columns that samples may state were added from version to version.
+    begin = ("number", *COLUMNS)
+    is_known = set(names) <= set(_HEADER_WITH_STAGE)
+    return is_known and names[: len(begin)] == begin and names[-1] == "crc"
+
+
+def _numbers_of(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of numbers of a header."""
+    others = ("number", STATED_SESSION, "stage", "crc", "chain")
+    return tuple(name for name in header if name not in others)
+
+
+def _intact(cells: Sequence[str], numbers: Sequence[str]) -> _Row | None:
+    """Return the row in the cells of a line; None where its checksum does not match.
+
+    Args:
+        cells: of the line.
+        numbers: columns of numbers that the log had when the line was written.
+    """
     if len(cells) in _EARLIER:
         body = ",".join(cells[:-2])
         if f"{zlib.crc32(body.encode()):08x}" != cells[-2]:
@@ -448,16 +482,21 @@ def _intact(cells: Sequence[str]) -> _Row | None:
         values = cells[: len(COLUMNS) + 1]
         added = [""] * (len(_HEADER) - len(_CHAINED))
         return _Row(0, ",".join([*values, *added, *cells[len(values) : -2]]).encode())
-    if len(cells) < len(_HEADER):
+    end = len(numbers) + 1
+    if len(cells) < end + 2:
         return None
     try:
         number = int(float(cells[0]))
-        values = [_number(cell) for cell in cells[1 : len(_NUMBERS) + 1]]
+        values = [_number(cell) for cell in cells[1:end]]
     except (ValueError, OverflowError):
         return None
-    text = ",".join([*values, *cells[len(_NUMBERS) + 1 : -1]]).encode()
-    expected = _line((number, text)).decode().rstrip()
-    return _Row(number, text) if expected.endswith(f",{cells[-1]}") else None
+    words = cells[end:-1]
+    written = _line((number, ",".join([*values, *words]).encode())).decode().rstrip()
+    if not written.endswith(f",{cells[-1]}"):
+        return None
+    by_name = dict(zip(numbers, values, strict=True))
+    now = [by_name.get(name, "") for name in _NUMBERS]
+    return _Row(number, ",".join([*now, *words]).encode())
 
 
 def _number(cell: str) -> str:

@@ -28,9 +28,10 @@ from hmcvt_core.interface import (
     DISPLACEMENT_RATIO,
     OIL_TEMPERATURE,
     Range,
-    Shafts,
 )
+from hmcvt_tools import Shafts
 
+from .bench_log import FROM_SHAFTS
 from .inputs import (
     INPUT_RANGES,
     NANOSECONDS,
@@ -45,23 +46,12 @@ MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
 """Largest size of a bench sample or operating point [bytes]; three joints take 200."""
 
-CHANNELS = tuple(
-    column
-    for column in BENCH_COLUMNS
-    if column.name in ("efficiency_std", "oil_temperature", "pressure")
-)
+CHANNELS = tuple(column for column in BENCH_COLUMNS if column.joint)
 """What a bench sample may state in addition, each by the `position` of a joint of that name."""
 SESSION = "session"
 """Joint whose `position` is the number of the session of a bench sample."""
 
 _SOURCE = "bench_sample"
-_COLUMNS_FROM_SHAFTS = (
-    "displacement_ratio",
-    "engine_speed",
-    "load_torque",
-    "efficiency",
-    "output_speed",
-)
 
 
 def joint_state(raw: bytes) -> JointState:
@@ -134,7 +124,7 @@ def bench_sample_from_message(
     if stamp <= 0.0:
         stamp = now
     columns: dict[str, Any] = {
-        name: np.array(getattr(shafts, name)) for name in _COLUMNS_FROM_SHAFTS
+        name: np.array(getattr(shafts, name)) for name in FROM_SHAFTS
     }
     stated = {limits.name: _stated(message, limits, _SOURCE) for limits in CHANNELS}
     if stated[OIL_TEMPERATURE.name] is None:

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.hydraulic import CompressibilityAir, OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.effect import FloatArray
 from studies.page import table
 
@@ -111,7 +111,7 @@ def measured(case: Case) -> tuple[hmcvt.BenchSamples, float]:
     ratio = float(np.exp(rng.uniform(*np.log(RATIOS))))
     points = OperatingPoints(stroke, speed, load)
     efficiency, output_speed = _readings(base, points, case, course, ratio * noise)
-    nominal = base.readings_at(points)[0]
+    nominal = base.readings_at(points)["efficiency"]
     usable = np.isfinite(efficiency) & (nominal > 0.2)
     efficiency = efficiency + noise * rng.standard_normal(TESTS)
     output_speed = output_speed * (1.0 + 0.001 * rng.standard_normal(TESTS))
@@ -164,12 +164,12 @@ def _readings(
 ) -> tuple[FloatArray, FloatArray]:
     """Return efficiency and output speed; the changes of the first are sized to a scatter."""
     size = 1.0
-    readings = np.asarray(base.readings_at(points)[:2])
+    readings = _read(base, points)
     if case.quantity in CONTROLS:
         return readings[0], readings[1]
     for _ in range(6):  # nearly linear in the size
         readings = _with_quantity(base, points, case, size * course)
-        change = readings[0] - base.readings_at(points)[0]
+        change = readings[0] - base.readings_at(points)["efficiency"]
         scatter = float(np.sqrt(np.nanmean((change - np.nanmean(change)) ** 2)))
         size *= wanted / max(scatter, 1e-9)
     readings = _with_quantity(base, points, case, size * course)
@@ -185,13 +185,19 @@ def _with_quantity(
         oil, temperature = _oil(course)
         warm = points._replace(oil_temperature=np.clip(temperature, 0.0, 110.0))
         truth = replace(base, effects=(oil,))
-        return np.asarray(truth.readings_at(warm)[:2])
+        return _read(truth, warm)
     columns = []
     for i, value in enumerate(course.tolist()):
         truth = replace(base, effects=(effect_of(value),))
         one = points.map(lambda row, i=i: row[i : i + 1])
-        columns.append(np.asarray(truth.readings_at(one)[:2]))
+        columns.append(_read(truth, one))
     return np.concatenate(columns, axis=1)
+
+
+def _read(model: hmcvt.EfficiencyModel, points: OperatingPoints) -> FloatArray:
+    """Return efficiency and output speed as read, shape (2, n)."""
+    read = model.readings_at(points)
+    return np.stack([read["efficiency"], read["output_speed"]])
 
 
 def report(records: Sequence[dict[str, Any]]) -> str:

@@ -23,7 +23,6 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.files import data_path
 from hmcvt_core.files.bench import BenchSamples
-from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.identification.misfit import FEWEST
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stage
@@ -34,6 +33,7 @@ from hmcvt_core.transmission.parameters import (
 )
 from hmcvt_core.transmission.ranges import Array
 from hmcvt_core.transmission.stage import Stage
+from hmcvt_tools.fleet.executors import Processes
 from studies.page import table
 
 KEPT_BACK = 98_600_000

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, make_dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,26 +24,34 @@ from ..transmission.ranges import (
 from .atomic import write_atomically
 from .checks import is_dataframe, is_path, require_path, wrong_type
 from .table import Table, csv_text, read_plain
-from .tables.units import holds_units
 
-_NAMES = frozenset(column.name for column in BENCH_COLUMNS)
+_NAMES = tuple(column.name for column in BENCH_COLUMNS)
+
+# Of type `Any`: type checkers do not know which fields the registry makes.
+_Columns: Any = make_dataclass(
+    "_Columns",
+    [
+        (name, Array) if name in REQUIRED_COLUMNS else (name, Array | None, None)
+        for name in _NAMES
+    ],
+    namespace={"__module__": __name__},
+    frozen=True,
+    eq=False,
+)
+_frozen: Any = dataclass(frozen=True, eq=False)
+_NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
+"""Beginning of a cell that is meant as a number; a row without any holds units or names."""
 
 
-@dataclass(frozen=True, eq=False)
-class BenchSamples:
-    """Bench samples; every array has shape (n,).
+@_frozen
+class BenchSamples(_Columns):  # type: ignore[misc]
+    """Bench samples: one array of shape (n,) for each column of a bench file.
+
+    The columns are attributes: `displacement_ratio`, `engine_speed`, `load_torque`, `efficiency`,
+    and those that bench files may lack, such as `output_speed`, which are None then.
+    `hmcvt_core.interface.BENCH_COLUMNS` and docs/files.md list them with units and ranges.
 
     Attributes:
-        displacement_ratio: pump stroke commanded [-].
-        engine_speed: [rad/s].
-        load_torque: output power / engine speed [N m].
-        efficiency: output power / engine power [-].
-        output_speed: [rad/s], or None.
-        oil_temperature: [deg C], or None.
-        efficiency_std: standard deviation of `efficiency` [-], or None.
-        stamp: time of the sample [s], or None.
-        pressure: over the motor, high minus low side, positive where it drives the output forward
-            [Pa], or None.
         extra: the other columns, as text; `stage` names the stage engaged.
         source: where they come from, for messages and provenance.
         sha256: of the file they were read from; empty when not from a file.
@@ -53,15 +61,6 @@ class BenchSamples:
         InputError: a value is outside its range or lengths differ; the column is named.
     """
 
-    displacement_ratio: Array
-    engine_speed: Array
-    load_torque: Array
-    efficiency: Array
-    output_speed: Array | None = None
-    oil_temperature: Array | None = None
-    efficiency_std: Array | None = None
-    stamp: Array | None = None
-    pressure: Array | None = None
     extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     source: str = "samples"
     sha256: str = ""
@@ -133,7 +132,7 @@ class BenchSamples:
             import pandas
         except ImportError:
             raise InputError(
-                'a DataFrame needs pandas: pip install ".[table]"'
+                'a DataFrame needs pandas: pip install ".[tools]"'
             ) from None
         return pandas.DataFrame(
             {**self.columns, **{name: list(text) for name, text in self.extra.items()}}
@@ -253,7 +252,7 @@ def read_columns(
     """
     table = read_plain(path, required, column_name)
     first = [table.columns[name][0] for name in required]
-    if holds_units(first):
+    if any(first) and not any(map(_NUMERIC.match, first)):
         raise InputError(
             f"{table.source}: row {table.rows[0]}: {', '.join(first)} are no numbers; "
             f"remove a row of units ({required[1]} is in rad/s, {required[2]} in N m)"

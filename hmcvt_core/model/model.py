@@ -31,6 +31,7 @@ from ..transmission.parameters import (
     HydraulicParameters,
     Parameters,
 )
+from ..transmission.quantities import PREDICTED
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .breakdown import Breakdown
@@ -701,16 +702,20 @@ class EfficiencyModel:
         rows = points.solved(lambda name, at: self.in_stage(name)._solver.solve(at))
         return Solution(*rows)
 
-    def readings_at(self, points: OperatingPoints) -> Array:
-        """Efficiency, output speed and pressure over the motor [Pa] at checked points, (3, ...).
+    def readings_at(self, points: OperatingPoints) -> dict[str, Array]:
+        """Readings of a bench at checked points, by name of the quantity, in SI units.
 
         Raises:
             InputError: the formulation is not `power_balance`.
         """
         refusal = "a pressure needs formulation power_balance"
-        return points.solved(
-            lambda name, at: self.in_stage(name).balance(refusal).readings(at)[:3]
-        )
+
+        def readings(name: str | None, at: OperatingPoints) -> list[Array]:
+            balance = self.in_stage(name).balance(refusal)
+            return list(balance.readings(at).values())
+
+        rows = points.solved(readings)
+        return dict(zip((channel.name for channel in PREDICTED), rows, strict=True))
 
     def efficiency_of_candidates(self, values: Array, points: OperatingPoints) -> Array:
         """Efficiency with the parameters of many candidates at once [-].

@@ -29,7 +29,7 @@ def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None
     """Return a sentence where the pressure does not fit this motor under its load, else None."""
     if samples.pressure is None:
         return None
-    expected = model.readings_at(samples.points)[2]
+    expected = model.readings_at(samples.points)["pressure"]
     loaded = np.abs(expected) > _LOADED  # False for NaN
     if not loaded.any():
         return None

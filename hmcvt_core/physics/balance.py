@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..transmission.parameters import Parameters
+from ..transmission.quantities import PREDICTED
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
+from . import readings
 from .effects.base import Effect, ShaftState
+from .readings import BenchState
 from .regimes import FORWARD_PULL, Senses, sign
 from .shafts import PowerFlow, Shafts
 from .single_point import PointSolver, point_solver
@@ -103,8 +106,12 @@ class BalanceSolver:
         return self.quadrant(self.senses(points)).solve(points)
 
     def _iterated(self, points: OperatingPoints) -> Solution:
-        efficiency, speed, _, torque = self.readings(points)
-        return Solution(efficiency, speed, torque)
+        state = self._bench_state(points)
+        return Solution(
+            readings.efficiency(state),
+            readings.output_speed(state),
+            state.true.engine_torque,
+        )
 
     def _solved_on_row(self, points: OperatingPoints) -> Solution:
         """Solve an output-coupled stage; the constants depend on the sense of the output alone."""
@@ -177,29 +184,26 @@ class BalanceSolver:
         return HELD_PUMP if load_torque < 0.0 else STALLED
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def readings(
-        self, points: OperatingPoints, senses: Senses | None = None
-    ) -> tuple[Array, ...]:
-        """Return what a bench reads, four arrays of shape (n,).
+    def readings(self, points: OperatingPoints) -> dict[str, Array]:
+        """Return what a bench reads of each predicted quantity, by name; shape (n,) each."""
+        state = self._bench_state(points)
+        return {
+            channel.name: readings.READINGS[channel.name](state)
+            for channel in PREDICTED
+        }
 
-        Efficiency [-], output speed [rad/s], pressure [Pa] and engine torque [N m]. The pressure
-        is the difference over the motor, eq. (14).
-        """
+    def _bench_state(
+        self, points: OperatingPoints, senses: Senses | None = None
+    ) -> BenchState:
+        """Return the steady state of which a bench reads its quantities."""
         shafts, flow = self.flow(points, senses)
-        state = flow.state
-        efficiency, speed, torque = Solution.of(
-            state.load_power / points.engine_speed,
+        true = Solution.of(
+            flow.state.load_power / points.engine_speed,
             flow.engine_power / points.engine_speed,
             # A sum with 0 is never -0.
             shafts.reflection * flow.output_speed + 0.0,
         )
-        pressure = shafts.senses.output * state.pressure
-        # Of powers, not of meters: an effect on a meter comes after.
-        for effect in self._effects:
-            efficiency = effect.reading(efficiency, state)
-            speed = effect.output_speed_reading(speed)
-            pressure = effect.pressure_reading(pressure)
-        return efficiency, speed, pressure, torque
+        return BenchState(shafts, flow, true, self._effects)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def flow(
@@ -325,11 +329,10 @@ class BalanceSolver:
         points = OperatingPoints(stroke, engine_speed, load_torque)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
         stroke = shafts.stroke_for(output_speed)
-        _, reached, _, torque = self.readings(
-            points._replace(displacement_ratio=stroke), senses
-        )
+        state = self._bench_state(points._replace(displacement_ratio=stroke), senses)
+        reached = readings.output_speed(state)
         holds = np.abs(reached - output_speed) < _HELD * np.abs(output_speed)
-        return stroke, np.where(holds, torque, np.nan)
+        return stroke, np.where(holds, state.true.engine_torque, np.nan)
 
     def quadrant(self, senses: Senses) -> SteadyState:
         """Return the closed form in one quadrant, without effects."""

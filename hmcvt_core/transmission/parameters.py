@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .ranges import Range
+from .quantities import PAPER_EFFICIENCY_UNCERTAINTY as PAPER_EFFICIENCY_UNCERTAINTY
+from .quantities import Range
 
 PARAMETER_RANGES = (
     Range("leakage", 1e-16, 1e-8, "m3/(s Pa)"),
@@ -98,6 +99,3 @@ PAPER_PARAMETERS = {
     0.97: HydraulicParameters(2.43e-12, 0.0311, 0.2934),
 }
 """The triples printed in section 4.2, by gear efficiency. They do not reproduce Table 4."""
-
-PAPER_EFFICIENCY_UNCERTAINTY = 0.0112
-"""Total relative uncertainty of the paper's efficiency readings, eq. (3) [-]."""

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Where the transmission works, and the range of every quantity that enters from outside.
+"""Where the transmission works, and the ranges of the registry that code uses by name.
 
 A range is a gate against wrong units and broken sensors, not a statement about validity of the
 model: for that see `hmcvt_core.model.domain`.
@@ -8,113 +8,38 @@ model: for that see `hmcvt_core.model.domain`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from .quantities import BY_NAME, STORED, Quantity
+from .quantities import Range as Range
 
 Array = NDArray[np.float64]
 RPM = 2.0 * np.pi / 60.0
 """One revolution a minute in rad/s."""
 
 
-@dataclass(frozen=True)
-class Range:
-    """A closed interval of one physical quantity.
-
-    Attributes:
-        name: the quantity, as it is called in files and arguments.
-        low: lowest value, in `unit`.
-        high: highest value, in `unit`.
-        unit: the unit, `-` for a plain number.
-        hint: what to suspect when a value is outside.
-    """
-
-    name: str
-    low: float
-    high: float
-    unit: str
-    hint: str = ""
-
-    def __str__(self) -> str:
-        text = f"{self.low:g} to {self.high:g}"
-        if self.unit == "-":
-            return text
-        return f"{text} {self.unit}"
-
-    def contains(self, value: ArrayLike) -> NDArray[np.bool_]:
-        """Return, element by element, which values are finite and inside."""
-        array = np.asarray(value, dtype=float)
-        return (array >= self.low) & (array <= self.high)
-
-    def check(self, value: ArrayLike, where: str = "") -> NDArray[np.float64]:
-        """Return `value` as an array of floats.
-
-        Args:
-            value: scalar or array of any shape, in `unit`.
-            where: the place to name in the error, such as a file and row.
-
-        Raises:
-            InputError: a value is no number, not finite or outside; the first one is named.
-        """
-        prefix = f"{where}: " if where else ""
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(
-                f"{prefix}{self.name} = {value!r} is not a number"
-            ) from None
-        # One pass each and false for NaN; cheaper than a mask when all is well.
-        if array.size and not (array.min() >= self.low and array.max() <= self.high):
-            first = np.flatnonzero(~self.contains(array).ravel())[0]
-            index = f"[{first}]" if array.ndim else ""
-            raise InputError(f"{prefix}{self.complaint(array.ravel()[first], index)}")
-        return array
-
-    def complaint(self, value: float, index: str = "") -> str:
-        """Say in one line what is wrong with a value outside."""
-        if not np.isfinite(value):
-            return f"{self.name}{index} = {value} is not finite; allowed {self}"
-        hint = f" ({self.hint})" if self.hint else ""
-        text = f"{value:g}"
-        if self.low <= float(text) <= self.high:
-            text = repr(float(value))  # just beyond a limit, and inside once rounded
-        return f"{self.name}{index} = {text} is outside {self}{hint}"
-
-
-DISPLACEMENT_RATIO = Range(
-    "displacement_ratio", -1.0, 1.0, "-", "a fraction of full pump stroke, not percent"
-)
-ENGINE_SPEED = Range("engine_speed", 10.0, 320.0, "rad/s", "is it in r/min?")
-LOAD_TORQUE = Range("load_torque", 1.0, 5000.0, "N m", "output power / engine speed")
+DISPLACEMENT_RATIO = BY_NAME["displacement_ratio"]
+ENGINE_SPEED = BY_NAME["engine_speed"]
+LOAD_TORQUE = BY_NAME["load_torque"]
 ANY_LOAD = Range("load_torque", -5000.0, 5000.0, "N m", "output power / engine speed")
 """With coasting and overrun, where wheels drive the engine: of lookups, not of bench tests."""
-EFFICIENCY = Range("efficiency", 0.01, 1.0, "-", "a fraction, not percent")
-OUTPUT_SPEED = Range("output_speed", 0.1, 1000.0, "rad/s", "is it in r/min?")
-OIL_TEMPERATURE = Range("oil_temperature", -40.0, 150.0, "deg C", "is it in kelvin?")
-EFFICIENCY_STD = Range("efficiency_std", 1e-6, 0.2, "-", "a fraction, not percent")
+EFFICIENCY = BY_NAME["efficiency"]
+OUTPUT_SPEED = BY_NAME["output_speed"]
+OIL_TEMPERATURE = BY_NAME["oil_temperature"]
+EFFICIENCY_STD = BY_NAME["efficiency_std"]
 MISFIT = Range("misfit", 0.0, 1.0, "-", "a fraction, not percent")
-STAMP = Range("stamp", 0.0, 1e12, "s")
-PRESSURE = Range("pressure", -6e7, 6e7, "Pa", "high less low side of the motor")
 
 POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What makes an operating point, in the order in which it is given everywhere."""
 _ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
 
-BENCH_COLUMNS: Sequence[Range] = (
-    *POINT_RANGES,
-    EFFICIENCY,
-    OUTPUT_SPEED,
-    OIL_TEMPERATURE,
-    EFFICIENCY_STD,
-    STAMP,
-    PRESSURE,
-)
-"""The columns of a bench file; the first four are required."""
-REQUIRED_COLUMNS = tuple(column.name for column in BENCH_COLUMNS[:4])
+BENCH_COLUMNS: Sequence[Quantity] = STORED
+"""The columns of a bench file."""
+REQUIRED_COLUMNS = tuple(column.name for column in STORED if column.required)
 
 ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
 """Working speeds of the paper's engine (section 4.2), rad/s."""

@@ -397,7 +397,7 @@ def test_the_saved_model_carries_what_is_unexplained(hmcvt, tmp_path):
     points = samples.points
     wave = 0.02 * np.sin(3.0 * points.displacement_ratio)
     wave = wave * np.cos((points.engine_speed - 80.0) / 50.0)
-    efficiency = model.readings_at(points)[0] - wave
+    efficiency = model.readings_at(points)["efficiency"] - wave
     keep = np.isfinite(efficiency)
     noise = 0.001 * np.random.default_rng(0).standard_normal(int(keep.sum()))
     path = tmp_path / "bench.csv"

@@ -27,8 +27,8 @@ import yaml
 from logs import recordings
 
 from hmcvt_core import EfficiencyModel, HydraulicParameters, save_model
-from hmcvt_core.cli import cli
 from hmcvt_core.model.parameter_file import load_stages
+from hmcvt_tools.cli.commands import cli
 from studies.road.bus import MAKER, Faults, encode, write_trace
 from studies.road.drive import drive, machine_of
 from studies.road.scoring import well_known

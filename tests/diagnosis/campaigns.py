@@ -56,12 +56,15 @@ def measure(
     """
     rng = np.random.default_rng([seed, 7])
     truth = replace(BASE, effects=tuple(effects))
-    efficiency, speed, pressure = truth.readings_at(points)[:3]
+    read = truth.readings_at(points)
+    efficiency, speed = read["efficiency"], read["output_speed"]
     efficiency = efficiency + noise * rng.standard_normal(efficiency.shape)
     if loss is not None:
         efficiency = efficiency - loss(points)
     speed = speed * (1.0 + (speed_noise or 0.0) * rng.standard_normal(speed.shape))
-    pressure = pressure + (pressure_noise or 0.0) * rng.standard_normal(speed.shape)
+    pressure = read["pressure"] + (pressure_noise or 0.0) * rng.standard_normal(
+        speed.shape
+    )
     carried = np.isfinite(efficiency)
     return hmcvt.BenchSamples(
         points.displacement_ratio[carried],

@@ -13,7 +13,7 @@ from tests.diagnosis.campaigns import random_points
 @pytest.mark.parametrize("file", ["hm4", "output_coupled"])
 def test_cases_are_predicted_as_alone(file):
     model = hmcvt.load_model(hmcvt.data_path(f"params/{file}.yaml"))
-    system = Transmission(model, pressure=True)
+    system = Transmission(model, ["pressure"])
     points = random_points(3, n=12, temperature=True)._asdict()
     points.pop("stage")
     cases = []

@@ -53,7 +53,7 @@ def _class(members, *sets):
 def _posterior(*sets, model=BASE):
     """A posterior over sets of effects as they are, on a campaign without a gap."""
     points = random_points(seed=3)
-    efficiency = model.readings_at(points)[0]
+    efficiency = model.readings_at(points)["efficiency"]
     carried = (efficiency > 0.1) & (efficiency < 1.0)
     columns = [values[carried] for values in (*points[:3], efficiency)]
     samples = hmcvt.BenchSamples(*columns, source="simulated")

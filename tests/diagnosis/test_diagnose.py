@@ -20,7 +20,7 @@ from hmcvt_core.physics.effects.hydraulic import (
 )
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
-from hmcvt_core.report.answer import VERDICTS
+from hmcvt_tools.report.answer import VERDICTS
 
 from .campaigns import (
     BAND,
@@ -476,7 +476,7 @@ def test_next_test_and_stop():
     plan = few.select(np.arange(3))
     limited = hmcvt.next_test(BASE, few, noise=NOISE, possible=plan)
     assert limited.tests[0].point["engine_speed"] in plan.engine_speed
-    in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)[2])
+    in_bar = replace(few, pressure=1e-5 * BASE.readings_at(few.points)["pressure"])
     assert (
         "the unit of the pressure"
         in hmcvt.next_test(BASE, in_bar, noise=NOISE).notes[0]

@@ -153,7 +153,7 @@ def test_gears_are_known_within_a_tolerance_as_are_gauges_where_they_are_read():
     )
     lost = 1.0 - worse[0] / here[0]  # over two to five pairs in a path
     assert (lost > 0.0006 * 2).all() and (lost < 0.0006 * 5).all()
-    gauged = Transmission(BASE, pressure=True)
+    gauged = Transmission(BASE, ["pressure"])
     assert gauged.base.names[3:] == ("gear_loss", "pressure_gain", "pressure_zero")
     off = gauged.predict(np.array([*TRUE, 0.0, 2.0, 1.0]), (), observed.points)
     np.testing.assert_allclose(off[2], 1.02 * here[2] + 1e5)

@@ -10,6 +10,7 @@ from core.test_several_stages import TRACTOR, bench
 import hmcvt_core as hmcvt
 from diagnosis.campaigns import BASE, NOISE, campaign
 from hmcvt_core.benches.transmission import Transmission
+from hmcvt_core.benches.transmission.channels import by_name
 from hmcvt_core.benches.transmission.system import (
     HIGHEST_PRESSURE,
     LEAST_OUTPUT_PART,
@@ -66,10 +67,10 @@ def check_point(model, test, samples):
     low, high = ranges.ENGINE_SPEED_LIMITS
     speeds = samples.engine_speed
     assert min(low, speeds.min()) <= point[1] <= max(high, speeds.max())
-    efficiency, speed, pressure = model.readings_at(ranges.OperatingPoints(*point))[:3]
-    assert np.isfinite(efficiency)
-    assert speed > 0.0, "the output turns as in the campaign"
-    assert abs(pressure) < 1.1 * HIGHEST_PRESSURE
+    read = model.readings_at(ranges.OperatingPoints(*point))
+    assert np.isfinite(read["efficiency"])
+    assert read["output_speed"] > 0.0, "the output turns as in the campaign"
+    assert abs(read["pressure"]) < 1.1 * HIGHEST_PRESSURE
 
 
 @pytest.mark.parametrize(("name", "n"), FEW)
@@ -102,13 +103,14 @@ def test_candidates_keep_away_from_the_reversal():
     points["stage"] = np.array([float(stages.index(name)) for name in names])
     base = system.base.mean
     possible = system.candidates(points, base)
-    measured = system.predict(base, (), points)
-    _, speed, pressure = system.predict(base, (), possible)
+    measured = by_name(system.predict(base, (), points))
+    predicted = by_name(system.predict(base, (), possible))
     for number in np.unique(points["stage"]):
-        usual = np.nanmedian(measured[1, points["stage"] == number])
-        of_stage = speed[possible["stage"] == number]
+        usual = np.nanmedian(measured["output_speed"][points["stage"] == number])
+        of_stage = predicted["output_speed"][possible["stage"] == number]
         assert (of_stage * np.sign(usual) >= LEAST_OUTPUT_PART * abs(usual)).all()
-    assert np.abs(pressure).max() <= max(HIGHEST_PRESSURE, np.nanmax(measured[2]))
+    highest = max(HIGHEST_PRESSURE, np.nanmax(measured["pressure"]))
+    assert np.abs(predicted["pressure"]).max() <= highest
 
 
 def test_one_possible_test_is_repeated():

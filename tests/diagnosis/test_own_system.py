@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from tests.cli.running import ROOT
 
 SCRIPT = ROOT / "examples" / "own_system.py"
@@ -58,7 +59,7 @@ def test_a_test_that_tells_nothing_is_not_asked_for():
 
 
 def test_page(tmp_path):
-    hmcvt.write_html(diagnosed(), tmp_path / "fan.html")
+    hmcvt_tools.write_html(diagnosed(), tmp_path / "fan.html")
     page = (tmp_path / "fan.html").read_text(encoding="utf-8")
     for text in (
         "bearing drag",

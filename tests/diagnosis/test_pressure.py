@@ -21,7 +21,8 @@ GAUGE = 5e4  # Pa
 
 def test_the_pressure_is_that_of_the_flow_and_of_the_load():
     points = random_points(3, 200)
-    efficiency, speed, pressure = BASE.readings_at(points)[:3]
+    read = BASE.readings_at(points)
+    efficiency, speed = read["efficiency"], read["output_speed"]
     units, leakage = STAGE.pump_motor, BASE.parameters.leakage
     np.testing.assert_allclose(
         [efficiency, speed], BASE.solution_at(points)[:2], rtol=1e-9
@@ -32,7 +33,9 @@ def test_the_pressure_is_that_of_the_flow_and_of_the_load():
     )
     pumped = points.displacement_ratio * points.engine_speed / STAGE.pump.ratio
     np.testing.assert_allclose(
-        pressure, (pumped - motor) * units.motor_displacement / leakage, rtol=1e-6
+        read["pressure"],
+        (pumped - motor) * units.motor_displacement / leakage,
+        rtol=1e-6,
     )
     # Eq. (14) where the motor drives, with the pairs between it and the output.
     driving = motor > 1.0
@@ -43,9 +46,9 @@ def test_the_pressure_is_that_of_the_flow_and_of_the_load():
         * abs(STAGE.motor_speed_ratio)
         / (STAGE.output.efficiency * STAGE.motor.efficiency)
     )
-    friction = pressure * units.motor_displacement * units.motor_friction
+    friction = read["pressure"] * units.motor_displacement * units.motor_friction
     np.testing.assert_allclose(
-        (pressure * units.motor_displacement - friction)[driving],
+        (read["pressure"] * units.motor_displacement - friction)[driving],
         (torque + BASE.parameters.motor_damping * motor)[driving],
         rtol=1e-9,
     )
@@ -96,7 +99,7 @@ def test_the_refit_bears_a_gauge_within_its_class():
     samples = campaign(
         (PressureGain(0.01), PressureZero(-1e5)), seed=4, pressure_noise=GAUGE
     )
-    fit = refit(Hypothesis(Transmission(BASE, pressure=True)), observe(samples, NOISE))
+    fit = refit(Hypothesis(Transmission(BASE, ["pressure"])), observe(samples, NOISE))
     assert np.sqrt(np.mean(fit.whitened[2] ** 2)) < 1.0
     np.testing.assert_allclose(fit.base[-2:], [1.0, -1.0], atol=0.5)
 

@@ -28,7 +28,7 @@ def in_stages(model, seed, noise, wave_in, stages=("HM2", "HM3")):
     points = random_points(seed, 120)
     stage = np.array(stages)[np.arange(120) % len(stages)]
     at = points._replace(stage=stage)
-    efficiency = model.readings_at(at)[0]
+    efficiency = model.readings_at(at)["efficiency"]
     efficiency = efficiency - wave(points) * (stage == wave_in)
     efficiency = efficiency + noise * rng.standard_normal(120)
     kept = np.flatnonzero(np.isfinite(efficiency) & (efficiency > 0.1))
@@ -38,7 +38,7 @@ def in_stages(model, seed, noise, wave_in, stages=("HM2", "HM3")):
 
 
 def error(model, samples):
-    predicted = model.readings_at(samples.points)[0]
+    predicted = model.readings_at(samples.points)["efficiency"]
     return float(np.sqrt(np.nanmean((predicted - samples.efficiency) ** 2)))
 
 
@@ -71,8 +71,10 @@ def test_the_error_grows_away_from_the_tests(unexplained):
 
 def test_the_remainder_fades_outside_the_tests(unexplained):
     far = OperatingPoints(np.zeros(1), np.full(1, 600.0), np.full(1, 100.0))
-    with_it = unexplained.model.readings_at(far)[0]
-    assert with_it == pytest.approx(unexplained.base.readings_at(far)[0], abs=1e-4)
+    with_it = unexplained.model.readings_at(far)["efficiency"]
+    assert with_it == pytest.approx(
+        unexplained.base.readings_at(far)["efficiency"], abs=1e-4
+    )
 
 
 def test_the_remainder_is_served_from_a_file(unexplained, tmp_path):

@@ -11,8 +11,9 @@ import pytest
 from ros_bench import file_limit
 
 import hmcvt_core as hmcvt
+from hmcvt_core.transmission.quantities import STORED
 from hmcvt_ros import jobs, recorder
-from hmcvt_ros.bench_log import BenchLog, rows_of
+from hmcvt_ros.bench_log import BenchLog, require_intact, rows_of
 from studies.soak.edit_log import edited, trial
 from studies.soak.kill_lines import sample
 
@@ -136,6 +137,38 @@ def test_log_of_an_earlier_version_is_taken_over(path):
     path.write_text("\n".join([*lines, ""]))
     log = BenchLog(path, limit=100)
     assert len(log) == 2 and "1 damaged lines taken out (line 3)" in log.recovered
+
+
+def test_every_stored_quantity_comes_back_from_the_log(path):
+    inside = {
+        quantity.name: np.array([0.5 * (quantity.low + quantity.high)])
+        for quantity in STORED
+    }
+    given = replace(sample(0), **inside)
+    BenchLog(path, limit=100).write(rows_of(given))
+    np.testing.assert_equal(jobs.bench_of(path).columns, given.columns)
+
+
+@pytest.mark.parametrize("stage", [False, True])
+def test_log_is_taken_over_when_a_quantity_is_added(path, stage):
+    """As of a version without `stated_pressure`; a checksum depends on the cells of its row."""
+    words = {"session": ("2",), **({"stage": ("HM1",)} if stage else {})}
+    given = replace(sample(0), extra=words, oil_temperature=np.array([60.0]))
+    BenchLog(path, limit=100, stages=stage).write(rows_of(given))
+    now = path.read_bytes()
+    header, row = (line.split(",") for line in path.read_text().splitlines())
+    at = header.index("stated_pressure")
+    body = ",".join([*row[:at], *row[at + 1 : -1]])
+    names = ",".join([*header[:at], *header[at + 1 :]])
+    path.write_text(f"{names}\n{body},x{zlib.crc32(body.encode()):08x}\n")
+    before = path.read_bytes()
+    require_intact(path)
+    log = BenchLog(path, limit=100, stages=stage)
+    assert (len(log), log.recovered) == (1, "")
+    assert path.read_bytes() == now != before
+    path.write_bytes(before.replace(b"60.0", b"61.0"))
+    with pytest.raises(hmcvt.InputError, match="damaged is line 2"):
+        require_intact(path)
 
 
 def test_log_that_is_removed_or_moved_is_noticed_at_the_next_sample(path):

@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 import hmcvt_core as hmcvt
-from hmcvt_core.cli import main
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_ros import jobs, qos
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.outputs import ADVICE, depends_on_oil
+from hmcvt_tools.cli import main
 
 pytestmark = pytest.mark.slow
 
@@ -161,11 +161,12 @@ def test_diagnosis_of_the_node_is_that_of_the_command_line(
     temperature = np.round(rng.uniform(40.0, 80.0, len(samples)), 1)
     points = samples.points._replace(oil_temperature=temperature)
     truth = replace(base, effects=(OilTemperature(1.5),))
-    efficiency, output_speed, pressure = truth.readings_at(points)
+    read = truth.readings_at(points)
+    pressure = read["pressure"]
     samples = replace(
         samples,
-        efficiency=efficiency + rng.normal(0.0, 0.002, len(samples)),
-        output_speed=output_speed,
+        efficiency=read["efficiency"] + rng.normal(0.0, 0.002, len(samples)),
+        output_speed=read["output_speed"],
         pressure=pressure,
         oil_temperature=temperature,
         efficiency_std=np.full(len(samples), 0.002),

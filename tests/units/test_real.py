@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
-from hmcvt_core.files.units import read_unit
+from hmcvt_tools.tables.unit_table import read_unit
 
 FOLDER = Path(os.environ["HMCVT_REAL_UNITS"])
 

@@ -7,8 +7,6 @@ from .channels import (
     CHANNELS,
     EFFICIENCY_CHANNEL,
     OIL_TEMPERATURE,
-    OUTPUT_SPEED_CHANNEL,
-    PRESSURE_CHANNEL,
     STAGE,
 )
 from .readings import observe
@@ -20,8 +18,6 @@ __all__ = [
     "CHANNELS",
     "EFFICIENCY_CHANNEL",
     "OIL_TEMPERATURE",
-    "OUTPUT_SPEED_CHANNEL",
-    "PRESSURE_CHANNEL",
     "STAGE",
     "EmpiricalRemainder",
     "Transmission",

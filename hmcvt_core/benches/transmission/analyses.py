@@ -87,7 +87,7 @@ def diagnose(
     if holdout is not None:
         held_out, more = held_out_observations(holdout, samples, stages)
         notes += more
-    system = Transmission(model, samples.pressure is not None)
+    system = Transmission(model, samples.columns)
     diagnosis = diagnose_system(
         system,
         with_meter_errors(observed, system),
@@ -128,7 +128,7 @@ def next_test(
     points = None
     if possible is not None:
         points = _planned_points(possible, observed, noise, stages)
-    system = Transmission(model, samples.pressure is not None)
+    system = Transmission(model, samples.columns)
     return next_test_of_system(
         system,
         with_meter_errors(observed, system),
@@ -180,7 +180,7 @@ def separable(
     """
     require_model_and_samples(model, plan)
     stages = list(model.stages)
-    system = Transmission(model, pressure=True)
+    system = Transmission(model, [channel.name for channel in CHANNELS])
     observed = observe(plan, noise, stages)
     base = scaled_base(system.base, model.parameters)
     readings = system.predict(base, (), observed.points)
@@ -219,8 +219,7 @@ def read_plan(
         rows=tuple(table.rows),
     )
     stage_of_each(model.stages, plan)
-    names = [channel.name for channel in CHANNELS]
-    expected = dict(zip(names, model.readings_at(plan.points), strict=True))
+    expected = model.readings_at(plan.points)
     unanswered = np.flatnonzero(np.isnan(expected["efficiency"]))
     if len(unanswered):
         row = int(unanswered[0])
@@ -237,5 +236,5 @@ def _largest_load(model: EfficiencyModel, plan: BenchSamples, row: int) -> float
     """Return the largest load torque that the model carries at a point of a plan [N m]."""
     loads = plan.load_torque[row] * np.linspace(0.01, 1.0, 100)
     points = replace(plan.select(np.full(len(loads), row)), load_torque=loads).points
-    efficiency = model.readings_at(points)[0]
+    efficiency = model.readings_at(points)["efficiency"]
     return float(loads[np.isfinite(efficiency)].max(initial=0.0))

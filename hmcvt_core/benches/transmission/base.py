@@ -1,12 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Base parameters of a transmission bench: hydraulics, gear loss, and gain and zero of the gauge.
+"""Base parameters of a transmission bench: hydraulics, gear loss, and errors of the gauges.
 
 Refits work in scaled variables: the hydraulic parameters as the identification scales them, the
 others in units of their tolerance.
 """
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from ...transmission.parameters import (
     from_scaled,
     to_scaled,
 )
+from ...transmission.quantities import PREDICTED
 
 GEAR_LOSS_TOLERANCE = 0.0006
 """Standard deviation of the further power fraction lost in each gear pair [-].
@@ -28,21 +31,62 @@ GEAR_LOSS_TOLERANCE = 0.0006
 Scatter of production 0.0005; the systematic gain of the torque meters, 0.12 % (paper, section 2.2),
 has the same signature.
 """
-PRESSURE_GAIN_TOLERANCE = 0.01
-"""Standard deviation of the relative error of gauge and displacement [-] (ISO 4409, ISO 8426)."""
-PRESSURE_ZERO_TOLERANCE = 1e5
-"""Standard deviation of the zero error of the gauge [Pa]."""
 LARGEST_DEVIATION = 6.0
-"""Bound on these three, in tolerances: beyond it the machine is a different one."""
+"""Bound on gear loss and gauges, in tolerances: beyond it the machine is a different one."""
 
-_TOLERANCES = {
-    "gear_loss": GEAR_LOSS_TOLERANCE,
-    "pressure_gain": PRESSURE_GAIN_TOLERANCE,
-    "pressure_zero": PRESSURE_ZERO_TOLERANCE,
-}
 
-UNITS = {"gear_loss": "-", "pressure_gain": "-", "pressure_zero": "Pa"}
-"""Units of the base parameters that are no hydraulic parameters."""
+class GaugeError(NamedTuple):
+    """An error of what reads a channel.
+
+    Attributes:
+        name: `<channel>_gain` or `<channel>_zero`.
+        words: for reports.
+        channel: that is read.
+        is_zero: whether it adds to the reading, instead of being in proportion to it.
+        deviation: prior standard deviation, in `unit`.
+        unit: `-`, or that of the channel.
+        by_session: whether it differs from session to session.
+    """
+
+    name: str
+    words: str
+    channel: str
+    is_zero: bool
+    deviation: float
+    unit: str
+    by_session: bool
+
+    def change_at(self, reading: Array) -> Array:
+        """Return the change of readings by an error of 1, of the same shape."""
+        return np.ones_like(reading) if self.is_zero else reading
+
+
+def gauge_errors(channels: Collection[str]) -> list[GaugeError]:
+    """Return the errors of what reads channels, in the order of the registry."""
+    errors = []
+    for quantity in PREDICTED:
+        gauge = quantity.gauge
+        if gauge is None or quantity.name not in channels:
+            continue
+        for kind, deviation in (("gain", gauge.gain), ("zero", gauge.zero)):
+            if deviation:
+                errors.append(
+                    GaugeError(
+                        name=f"{quantity.name}_{kind}",
+                        words=f"{kind} of the {gauge.name}",
+                        channel=quantity.name,
+                        is_zero=kind == "zero",
+                        deviation=deviation,
+                        unit=quantity.unit if kind == "zero" else "-",
+                        by_session=gauge.by_session,
+                    )
+                )
+    return errors
+
+
+def refitted_errors(channels: Collection[str]) -> list[GaugeError]:
+    """Return those of the errors that every fit adjusts."""
+    return [error for error in gauge_errors(channels) if not error.by_session]
 
 
 @dataclass(frozen=True)
@@ -52,37 +96,33 @@ class BaseValues:
     Attributes:
         hydraulics: the three identified parameters.
         gear_loss: further fraction of the power lost in each gear pair [-].
-        pressure_gain: relative error of the pressure reading [-].
-        pressure_zero: zero error of the pressure reading [Pa].
+        gauges: errors of gauges by the name of the parameter, see `refitted_errors`.
     """
 
     hydraulics: HydraulicParameters
     gear_loss: float
-    pressure_gain: float = 0.0
-    pressure_zero: float = 0.0
+    gauges: Mapping[str, float]
 
 
-def base_parameters(pressure: bool) -> BaseParameters:
+def base_parameters(channels: Collection[str]) -> BaseParameters:
     """Return names, priors and bounds of the base parameters.
 
     Args:
-        pressure: whether the bench reads the pressure, so that its gauge is refitted too.
+        channels: that the bench reads, so that their gauges are refitted too.
     """
-    tolerances = dict(_TOLERANCES)
-    if not pressure:
-        tolerances = {"gear_loss": GEAR_LOSS_TOLERANCE}
-    scales = np.array(list(tolerances.values()))
+    gauges = refitted_errors(channels)
+    scales = np.array([GEAR_LOSS_TOLERANCE, *(error.deviation for error in gauges)])
     ones = np.ones(len(scales))
     lowest = to_scaled(np.array([limits.low for limits in PARAMETER_RANGES]))
     highest = to_scaled(np.array([limits.high for limits in PARAMETER_RANGES]))
     return BaseParameters(
-        names=(*PARAMETER_NAMES, *tolerances),
+        names=(*PARAMETER_NAMES, "gear_loss", *(error.name for error in gauges)),
         mean=np.append(PRIOR_MEAN, 0.0 * ones),
         spread=np.append(PRIOR_SPREAD, ones),
         low=np.append(lowest, -LARGEST_DEVIATION * ones),
         high=np.append(highest, LARGEST_DEVIATION * ones),
         values=partial(_values, scales=scales),
-        units=(*PARAMETER_UNITS.values(), *(UNITS[name] for name in tolerances)),
+        units=(*PARAMETER_UNITS.values(), "-", *(error.unit for error in gauges)),
     )
 
 
@@ -103,7 +143,7 @@ def base_values(parameters: BaseParameters, scaled: Array) -> BaseValues:
     hydraulics = HydraulicParameters(
         **{name: named.pop(name) for name in PARAMETER_NAMES}
     )
-    return BaseValues(hydraulics, **named)
+    return BaseValues(hydraulics, named.pop("gear_loss"), named)
 
 
 def scaled_base(parameters: BaseParameters, hydraulics: HydraulicParameters) -> Array:

@@ -99,7 +99,7 @@ def _bumps_of(
     stroke_of, speed_of, load_of = axes.T
     temperature = None if oil is None else oil[rows]
     at = OperatingPoints(stroke_of, speed_of, load_of, temperature)
-    predicted = model.readings_at(at)[0]
+    predicted = model.readings_at(at)["efficiency"]
     target = wanted[rows]
     usable = np.isfinite(predicted) & np.isfinite(target) & (target > 0.0)
     usable &= predicted > 0.0

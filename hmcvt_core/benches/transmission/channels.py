@@ -1,9 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Axes and channels of a transmission bench, with the noise expected of each channel."""
 
-from ...diagnosis.system import Axis, Channel
+from ...diagnosis.system import Array, Axis, Channel
 from ...transmission import ranges
-from ...transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
+from ...transmission.quantities import PREDICTED
 
 DISPLACEMENT_RATIO = Axis(
     name="displacement_ratio",
@@ -57,43 +57,13 @@ STAGE = Axis(
 )
 """Index of the engaged stage among the stages of the model."""
 
-EFFICIENCY_CHANNEL = Channel(
-    name="efficiency",
-    unit="points",
-    factor=100.0,
-    digits=2,
-    uncertainty=PAPER_EFFICIENCY_UNCERTAINTY,
-    relative=False,
-    field_spreads=(0.003, 0.01, 0.03),
-    step_spreads=(0.01, 0.03),
-    misfit_spread=0.0012,
+CHANNELS = tuple(
+    Channel(name=quantity.name, **vars(quantity.channel)) for quantity in PREDICTED
 )
-# Speed losses are relative, as the noise is. At the same load a speed loss raises the torque by
-# the same fraction, so that it lowers the efficiency too.
-OUTPUT_SPEED_CHANNEL = Channel(
-    name="output_speed",
-    unit="rad/s",
-    factor=1.0,
-    digits=2,
-    uncertainty=0.001,
-    relative=True,
-    field_spreads=(0.001, 0.004, 0.016),
-    step_spreads=(0.01, 0.03),
-    misfit_spread=0.0004,
-    served=False,
-)
-# ISO 4409 class A: 0.5 % of the reading. Near zero a 40 MPa gauge resolves about 0.05 MPa.
-PRESSURE_CHANNEL = Channel(
-    name="pressure",
-    unit="MPa",
-    factor=1e-6,
-    digits=2,
-    uncertainty=0.005,
-    relative=False,
-    field_spreads=(1e5, 4e5, 1.6e6),
-    step_spreads=(4e5, 1.2e6),
-    misfit_spread=5e4,
-    least=5e4,
-    served=False,
-)
-CHANNELS = (EFFICIENCY_CHANNEL, OUTPUT_SPEED_CHANNEL, PRESSURE_CHANNEL)
+"""The quantities that the model predicts and a bench may read; the gap is in the first."""
+EFFICIENCY_CHANNEL = CHANNELS[0]
+
+
+def by_name(rows: Array) -> dict[str, Array]:
+    """Return rows of all channels, shape (channels, ...), by the name of the channel."""
+    return dict(zip((channel.name for channel in CHANNELS), rows, strict=True))

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""Errors of the torque meters that the readings of a session share.
+r"""Errors of torque meters and gauges that the readings of a session share.
 
 A bench is run in sessions. Within one the torque meters keep their zero and their gain, drift
 slowly, and read higher on the way down than on the way up. The efficiency is computed from both
@@ -16,6 +16,7 @@ so a zero weighs most at light load. Each error is one column with a normal prio
 the evidence treat it like any other parameter.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -26,7 +27,8 @@ from ...diagnosis.observations import SESSION, Observations, SharedError
 from ...diagnosis.settings import TIE_TOLERANCE
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
-from .channels import ENGINE_SPEED, LOAD_TORQUE, OUTPUT_SPEED_CHANNEL
+from .base import GaugeError, gauge_errors
+from .channels import ENGINE_SPEED, LOAD_TORQUE, by_name
 
 RANGE_MARGIN = 1.5
 """Range of a torque meter, in the largest torque of the campaign.
@@ -38,8 +40,6 @@ ZERO_DEVIATION = 0.001
 
 Accuracy class 0.1: the effect of 10 K on the zero is at most 0.1 % of the range (VDI/VDE 2646).
 """
-GAIN_DEVIATION = 0.001
-"""Standard deviation of the gain in a session [-]: class 0.1, effect of 10 K (VDI/VDE 2646)."""
 DRIFT_DEVIATION = 0.0005
 """Standard deviation of half the drift of the zero over a session [part of the range].
 
@@ -166,10 +166,9 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     """
     sessions = sessions_of(observed.samples)
     slopes = _slopes_by_load(observed, system)
-    efficiency, speed_ratio = _without_noise(observed, system)
-    meters = _meters(observed, efficiency, speed_ratio, slopes)
-    gain = np.zeros_like(observed.measured)
-    gain[0] = efficiency
+    readings, speed_ratio = _without_noise(observed, system)
+    meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
+    gauges = _changes_by_gauges(observed, readings)
     errors = []
     columns = []
     number = np.full(len(observed), -1.0)
@@ -182,8 +181,9 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
         for meter in meters:
             errors.append(_error_of("zero", meter, ZERO_DEVIATION, name))
             columns.append(inside * ZERO_DEVIATION * meter.change)
-        errors.append(SharedError("gain of the meters", name, GAIN_DEVIATION, "-"))
-        columns.append(inside * GAIN_DEVIATION * gain)
+        for error, change in gauges:
+            errors.append(SharedError(error.words, name, error.deviation, error.unit))
+            columns.append(inside * error.deviation * change)
         of_time = inside * sessions.phase
         for meter in meters:
             errors.append(_error_of("half the drift", meter, DRIFT_DEVIATION, name))
@@ -229,22 +229,46 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
     return np.hypot(observed.deviation, _finite(of_channels))
 
 
-def _without_noise(observed: Observations, system: System) -> tuple[Array, Array]:
-    """Return efficiency and output speed / engine speed as the base model predicts them.
+def _without_noise(
+    observed: Observations, system: System
+) -> tuple[dict[str, Array], Array]:
+    """Return readings by channel, and output speed / engine speed, as the base model predicts them.
 
     Columns made of readings would hold their noise, and a large zero would then explain noise.
-    Where the model has no answer, the efficiency is that measured and the ratio is 1.
+    Where the model has no answer, a reading is that measured and the ratio is 1.
     """
-    predicted = system.predict(system.base.mean, (), observed.points)
-    names = [channel.name for channel in system.channels]
-    efficiency = predicted[0]
-    speed_ratio = (
-        predicted[names.index(OUTPUT_SPEED_CHANNEL.name)]
-        / observed.points[ENGINE_SPEED.name]
-    )
-    answered = np.isfinite(efficiency)
-    efficiency = np.where(answered, efficiency, observed.measured[0])
-    return efficiency, np.where(answered, np.abs(speed_ratio), 1.0)
+    predicted = by_name(system.predict(system.base.mean, (), observed.points))
+    readings = {}
+    for channel, measured in zip(observed.channels, observed.measured, strict=True):
+        answer = predicted[channel.name]
+        readings[channel.name] = np.where(np.isfinite(answer), answer, measured)
+    speed_ratio = predicted["output_speed"] / observed.points[ENGINE_SPEED.name]
+    answered = np.isfinite(predicted["efficiency"])
+    return readings, np.where(answered, np.abs(speed_ratio), 1.0)
+
+
+def _changes_by_gauges(
+    observed: Observations, readings: Mapping[str, Array]
+) -> list[tuple[GaugeError, Array]]:
+    """Return the errors of gauges that sessions have, and the change of every channel by each.
+
+    Args:
+        observed: of bench samples.
+        readings: by channel, without noise, shape (n,) each.
+
+    Returns:
+        Changes by an error of 1, shape (channels, n) each.
+    """
+    names = [channel.name for channel in observed.channels]
+    changes = []
+    for error in gauge_errors(names):
+        if error.by_session:
+            change = np.zeros_like(observed.measured)
+            change[names.index(error.channel)] = error.change_at(
+                readings[error.channel]
+            )
+            changes.append((error, change))
+    return changes
 
 
 def _meters(

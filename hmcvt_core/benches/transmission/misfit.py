@@ -68,7 +68,7 @@ def _with_gap(
 ) -> EfficiencyModel:
     """Return a model with the misfit that its residuals show, and a gap that it leaves."""
     samples: BenchSamples = diagnosis.samples
-    missed = model.readings_at(samples.points)[0] - samples.efficiency
+    missed = model.readings_at(samples.points)["efficiency"] - samples.efficiency
     errors = parameter_errors(model, samples)
     return replace(model, misfit=misfit(missed, believed_noise(diagnosis), errors, gap))
 

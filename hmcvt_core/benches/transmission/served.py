@@ -141,7 +141,7 @@ def _with_model(diagnosis: Diagnosis, handed: HandedOver) -> Diagnosis:
     """Return a diagnosis with a model, its errors and how far the gap shrinks with it."""
 
     def predict(samples: BenchSamples) -> Array:
-        efficiency: Array = handed.model.readings_at(samples.points)[0]
+        efficiency: Array = handed.model.readings_at(samples.points)["efficiency"]
         return efficiency
 
     assert diagnosis.judge is not None

@@ -9,13 +9,15 @@ errors of the meters, and by a Gaussian process over the operating point
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...diagnosis.observations import Observations
+from ...diagnosis.results.outcome import Cause, ParameterEstimate
 from ...diagnosis.settings import PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...files.bench import BenchSamples
@@ -24,17 +26,17 @@ from ...model.model import EfficiencyModel
 from ...physics.effects import library
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
-from ..baseline import CLASS_TO_DRIFT
-from .base import PRESSURE_GAIN_TOLERANCE, PRESSURE_ZERO_TOLERANCE, scaled_base
+from ..baseline import CLASS_TO_DRIFT, Growth
+from .base import gauge_errors, scaled_base
 from .channels import (
     DISPLACEMENT_RATIO,
     ENGINE_SPEED,
     LOAD_TORQUE,
     OIL_TEMPERATURE,
-    PRESSURE_CHANNEL,
     STAGE,
+    by_name,
 )
-from .meters import GAIN_DEVIATION, with_meter_errors
+from .meters import with_meter_errors
 from .readings import observe
 from .system import Transmission
 
@@ -65,6 +67,8 @@ class SoundTransmission:
         base: scaled base parameters of the model, shape (p,).
         samples: sound samples that were fitted.
         library: changes that are candidates.
+        parameters: base parameters of the model with their standard errors.
+        inflation: factor of all standard deviations, above 1 where the control differs.
     """
 
     model: EfficiencyModel
@@ -74,6 +78,8 @@ class SoundTransmission:
     base: Array
     samples: BenchSamples
     library: tuple[Any, ...]
+    parameters: Mapping[str, ParameterEstimate]
+    inflation: float = 1.0
     _predicted: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     refusal = Transmission.refusal
@@ -91,16 +97,16 @@ class SoundTransmission:
 
     def sound_at(self, points: Points) -> tuple[Array, Array]:
         """Return mean and covariance of the channels, shapes (channels, n), (channels, n, n)."""
-        predicted = self._base_prediction(points)
-        slopes = _slopes(self.system, self.base, points)
+        predicted = by_name(self._base_prediction(points))
+        slopes = by_name(_slopes(self.system, self.base, points))
         means = []
         covariances = []
         for channel, remainder in zip(self.channels, self.remainders, strict=True):
-            row = self.system.channels.index(_of_name(self.system, channel.name))
-            columns = _padded(slopes[row], remainder.training.columns.shape[1])
+            count = remainder.training.columns.shape[1]
+            columns = _padded(slopes[channel.name], count)
             mean, covariance = remainder.predict(_stacked(points), columns)
-            means.append(predicted[row] + mean)
-            covariances.append(covariance)
+            means.append(predicted[channel.name] + mean)
+            covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
 
     def drift_at(self, points: Points, deviation: Array) -> Array:
@@ -117,29 +123,19 @@ class SoundTransmission:
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""
         changed = self.system.predict(self.base, effects, points)
-        change = changed - self._base_prediction(points)
-        rows = [
-            self.system.channels.index(_of_name(self.system, channel.name))
-            for channel in self.channels
-        ]
-        return np.asarray(change[rows])
+        change = by_name(changed - self._base_prediction(points))
+        return np.stack([change[channel.name] for channel in self.channels])
 
     def meter_errors(self, points: Points, sound: Array) -> tuple[list[str], Array]:
         """Return names of errors of the meters, and what one deviation of each changes."""
-        names = ["efficiency_gain"]
-        of_gain = np.zeros_like(sound)
-        of_gain[0] = GAIN_DEVIATION / CLASS_TO_DRIFT * sound[0]
-        errors = [of_gain]
         channels = [channel.name for channel in self.channels]
-        if PRESSURE_CHANNEL.name in channels:
-            row = channels.index(PRESSURE_CHANNEL.name)
-            of_gain = np.zeros_like(sound)
-            of_gain[row] = PRESSURE_GAIN_TOLERANCE / CLASS_TO_DRIFT * sound[row]
-            of_zero = np.zeros_like(sound)
-            of_zero[row] = PRESSURE_ZERO_TOLERANCE / CLASS_TO_DRIFT
-            names += ["pressure_gain", "pressure_zero"]
-            errors += [of_gain, of_zero]
-        return names, np.stack(errors)
+        errors = gauge_errors(channels)
+        changes = np.zeros((len(errors), *sound.shape))
+        for change, error in zip(changes, errors, strict=True):
+            row = channels.index(error.channel)
+            deviation = error.deviation / CLASS_TO_DRIFT
+            change[row] = deviation * error.change_at(sound[row])
+        return [error.name for error in errors], changes
 
     def candidates(self, points: Points) -> Points:
         """Return a grid of tests over the range of the campaign."""
@@ -163,6 +159,29 @@ class SoundTransmission:
             provenance=provenance,
         )
 
+    def growth_of(self, cause: Cause, samples: BenchSamples) -> Growth | None:
+        """Return how much leakage or damping has grown, if a cause is that."""
+        if cause.effect == LaminarLeakage.name:
+            leakage = self.parameters["leakage"]
+            relative_error = leakage.standard_error / leakage.value
+            size = cause.parameters["leakage"]
+            return Growth.of("leakage", size, leakage.value, relative_error)
+        if cause.effect == ViscousDamping.name:
+            pump = self.parameters["pump_damping"]
+            motor = self.parameters["motor_damping"]
+            # The growth is that of either unit.
+            total = pump.value + motor.value
+            error = float(np.hypot(pump.standard_error, motor.standard_error))
+            size = cause.parameters["damping"]
+            return Growth.of("damping", size, 0.5 * total, error / total)
+        return None
+
+    def answers(self, points: Points) -> NDArray[np.bool_]:
+        """Return whether the sound model carries the load at each point, shape (n,)."""
+        answered = np.isfinite(self._base_prediction(points)).all(axis=0)
+        slopes = _slopes(self.system, self.base, points)
+        return np.asarray(answered & np.isfinite(slopes).all(axis=(0, 2)))
+
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
         """Say what missing columns cost."""
         return self.system.remarks(samples)
@@ -176,7 +195,9 @@ class SoundTransmission:
 
 
 def fit_sound_transmission(
-    model: EfficiencyModel, observed: Observations, pressure: bool
+    model: EfficiencyModel,
+    observed: Observations,
+    parameters: Mapping[str, ParameterEstimate],
 ) -> SoundTransmission:
     """Fit what a model leaves of sound samples.
 
@@ -184,9 +205,9 @@ def fit_sound_transmission(
         model: refitted to the sound samples.
         observed: the sound samples with the errors of their meters, in the channels that are
             compared.
-        pressure: whether the pressure is one of them.
+        parameters: base parameters of the model with their standard errors.
     """
-    system = Transmission(model, pressure)
+    system = Transmission(model, [channel.name for channel in observed.channels])
     base = scaled_base(system.base, model.parameters)
     predicted = system.predict(base, (), observed.points)
     slopes = _slopes(system, base, observed.points)
@@ -229,6 +250,7 @@ def fit_sound_transmission(
         base=base,
         samples=observed.samples,
         library=tuple(kind() for kind in kinds),
+        parameters=parameters,
     )
 
 
@@ -247,7 +269,7 @@ def observe_change(
     deviation = observed.deviation.copy()
     for i, remainder in enumerate(sound.remainders):
         ratio = remainder.noise_ratio_at(_stacked(observed.points))
-        deviation[i] = ratio * deviation[i]
+        deviation[i] = sound.inflation * ratio * deviation[i]
     return replace(
         observed,
         channels=sound.channels,
@@ -256,11 +278,6 @@ def observe_change(
         noise_source="scatter of the baseline",
         assumed=False,
     )
-
-
-def _of_name(system: Transmission, name: str) -> Channel:
-    """Return the channel of a bench by its name."""
-    return next(channel for channel in system.channels if channel.name == name)
 
 
 def _stacked(points: Points) -> Array:

@@ -2,7 +2,7 @@
 """The served model of a transmission as a `System` of the diagnosis."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, cast
@@ -23,7 +23,7 @@ from ...physics.effects.by_row import by_row
 from ...transmission import ranges
 from ...transmission.parameters import Candidates
 from ...transmission.stage import Stage
-from .base import base_parameters, base_values, hydraulic_errors
+from .base import base_parameters, base_values, hydraulic_errors, refitted_errors
 from .channels import (
     AXES,
     CHANNELS,
@@ -32,6 +32,7 @@ from .channels import (
     LOAD_TORQUE,
     OIL_TEMPERATURE,
     STAGE,
+    by_name,
 )
 from .unrecorded import unrecorded
 
@@ -62,18 +63,14 @@ Source: maximum pressure of axial piston units for closed circuits (Bosch Rexrot
 nominal 400 bar, maximum 450 bar).
 """
 
-_COST_OF_MISSING_COLUMN = {
-    "output_speed": "losses of flow and of torque look alike",
-    "oil_temperature": "viscosity and a fan cannot be judged",
-}
-
 
 class Transmission:
     """A served model as a `System`; the effects that the model has already stay in it.
 
     Args:
         model: formulation `power_balance`.
-        pressure: whether the bench reads the pressure over the motor.
+        read: names of the columns that the bench reads; the gauges of the channels among them are
+            refitted.
 
     Raises:
         InputError: the formulation is not `power_balance`.
@@ -84,7 +81,7 @@ class Transmission:
     refusal = "ask for a load that the model cannot carry"
     advice = "check load_torque, which is output power / engine speed, and the stage"
 
-    def __init__(self, model: EfficiencyModel, pressure: bool = False) -> None:
+    def __init__(self, model: EfficiencyModel, read: Collection[str] = ()) -> None:
         if model.formulation != "power_balance":
             raise InputError(
                 f"diagnosis needs formulation power_balance, not {model.formulation!r}"
@@ -95,7 +92,8 @@ class Transmission:
             # Only in this layout does the motor stand still at a stroke that is known: zero.
             stroke = replace(DISPLACEMENT_RATIO, transition_width=STANDSTILL)
             self.axes = (stroke, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
-        self.base = base_parameters(pressure)
+        self.base = base_parameters(read)
+        self._gauges = refitted_errors(read)
         self.library: tuple[AnyEffect, ...] = _missing_effects(model)
 
     def _refitted(self, base: Array, effects: Sequence[AnyEffect]) -> EfficiencyModel:
@@ -114,7 +112,7 @@ class Transmission:
     def predict(
         self, base: Array, effects: Sequence[AnyEffect], points: Points
     ) -> Array:
-        """Return efficiency [-], output speed [rad/s] and pressure [Pa] as read.
+        """Return every channel as read, in SI units.
 
         Args:
             base: scaled base parameters, shape (p,).
@@ -122,12 +120,12 @@ class Transmission:
             points: operating points, n values along each axis.
 
         Returns:
-            Shape (3, n); NaN where the model has no answer.
+            Shape (channels, n), in the order of `CHANNELS`; NaN where the model has no answer.
         """
         return np.asarray(self.predict_cases([(base, effects)], points)[0])
 
     def predict_cases(self, cases: Sequence[Case], points: Points) -> Array:
-        """Return the readings of many cases, as `predict` those of one; (cases, 3, n)."""
+        """Return the readings of many cases, as `predict` those of one; (cases, channels, n)."""
         at_once = max(1, MOST_VALUES // max(1, len(points[ENGINE_SPEED.name])))
         parts = []
         for start in range(0, len(cases), at_once):
@@ -135,7 +133,7 @@ class Transmission:
         return np.concatenate(parts)
 
     def _solved(self, cases: Sequence[Case], points: Points) -> Array:
-        """Return the readings of cases that are solved together, shape (cases, 3, n)."""
+        """Return the readings of cases solved together, shape (cases, channels, n)."""
         values = [base_values(self.base, base) for base, _ in cases]
         hydraulics = [value.hydraulics for value in values]
         parameters = Candidates(
@@ -151,14 +149,17 @@ class Transmission:
             effects = (*self.model.effects, *added)
             solver = BalanceSolver(stage, parameters, effects)
             shape = (len(cases), at.engine_speed.size)
-            return solver.readings(at.map(lambda row: np.broadcast_to(row, shape)))[:3]
+            read = solver.readings(at.map(lambda row: np.broadcast_to(row, shape)))
+            return [read[channel.name] for channel in self.channels]
 
-        solved = self._operating_points(points).solved(readings)
-        efficiency, output_speed, pressure = solved
-        gain = _by_case([value.pressure_gain for value in values])
-        zero = _by_case([value.pressure_zero for value in values])
-        pressure = pressure * (1.0 + gain) + zero
-        return np.stack([efficiency, output_speed, pressure], axis=1)
+        solved = by_name(self._operating_points(points).solved(readings))
+        for error in self._gauges:
+            size = _by_case([value.gauges[error.name] for value in values])
+            true = solved[error.channel]
+            solved[error.channel] = (
+                true + size if error.is_zero else true * (1.0 + size)
+            )
+        return np.stack(list(solved.values()), axis=1)
 
     def _operating_points(self, points: Points) -> ranges.OperatingPoints:
         """Return points as the physics takes them, with the names of their stages."""
@@ -180,15 +181,16 @@ class Transmission:
             base: scaled base parameters, shape (p,).
         """
         possible = _with_every_stage(_grid(points), points)
-        measured = self.predict(base, (), points)
-        efficiency, output_speed, pressure = self.predict(base, (), possible)
-        highest = np.nanmax(np.abs(measured[2]), initial=HIGHEST_PRESSURE)
-        usual = _usual_in_stage(measured[1], points, possible)
+        measured = by_name(self.predict(base, (), points))
+        predicted = by_name(self.predict(base, (), possible))
+        highest = np.nanmax(np.abs(measured["pressure"]), initial=HIGHEST_PRESSURE)
+        usual = _usual_in_stage(measured["output_speed"], points, possible)
+        output_speed = predicted["output_speed"] * np.sign(usual)
         # NaN, no answer, is not contained.
         usable = (
-            ranges.EFFICIENCY.contains(efficiency)
-            & (np.abs(pressure) <= highest)
-            & (output_speed * np.sign(usual) >= LEAST_OUTPUT_PART * np.abs(usual))
+            ranges.EFFICIENCY.contains(predicted["efficiency"])
+            & (np.abs(predicted["pressure"]) <= highest)
+            & (output_speed >= LEAST_OUTPUT_PART * np.abs(usual))
         )
         return {name: values[usable] for name, values in possible.items()}
 
@@ -250,9 +252,9 @@ class Transmission:
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
         """Say what missing columns cost."""
         return tuple(
-            f"without column {name}, {cost}"
-            for name, cost in _COST_OF_MISSING_COLUMN.items()
-            if getattr(samples, name) is None
+            f"without column {column.name}, {column.missing}"
+            for column in ranges.BENCH_COLUMNS
+            if column.missing and getattr(samples, column.name) is None
         )
 
 
