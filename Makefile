@@ -1,7 +1,8 @@
 # Everything that a bare machine with python3 (3.10 or newer), pip and make needs to try and to test
 # hmcvt; nothing is installed outside .venv.
 #
-#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
+#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself; then a cause is
+#                withheld and found, or not (make demo SEED=7 repeats one)
 #   make test    all tests, the ones over ROS 2 included
 #   make test-long  the tests of further campaigns, which take a few minutes more
 #   make lint types    what CI checks besides
@@ -43,6 +44,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.withheld $(if $(SEED),--seed $(SEED))
 
 # Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
 # runs alone. The order is that of tests/conftest.py.
