@@ -110,7 +110,7 @@ coverage: $(VENV)/.dev
 	$(BIN)/python -m studies.baseline
 
 bench: $(VENV)/.dev
-	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
+	$(BIN)/python -m studies.timing --out docs/benchmarks.md
 
 export: $(VENV)/.dev
 	$(BIN)/python -m studies.export --out docs/export-check.md
