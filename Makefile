@@ -14,6 +14,8 @@
 #                the machine should do nothing else meanwhile)
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/blind.md (two hours on two cores)
+#   make benchmark  hmcvt and five simpler methods on the same cases; writes docs/benchmark.md (an hour
+#                on two cores)
 #   make real DIR=...  rigs with known faults and makers' units; writes docs/real.md (two minutes)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
@@ -39,7 +41,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types format oldest colcon soak bench coverage real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-long lint types format oldest colcon soak bench benchmark coverage real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -111,6 +113,10 @@ coverage: $(VENV)/.dev
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m studies.timing --out docs/benchmarks.md
+
+# Goes on where it was interrupted; remove build/benchmark to start anew.
+benchmark: $(VENV)/.dev
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.benchmark --page docs/benchmark.md
 
 export: $(VENV)/.dev
 	$(BIN)/python -m studies.export --out docs/export-check.md

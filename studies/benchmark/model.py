@@ -24,6 +24,7 @@ from studies.benchmark.case import (
 from studies.benchmark.methods.linear import linear
 
 AXES = ("displacement_ratio", "engine_speed", "load_torque", "oil_temperature")
+CHANNELS = ("efficiency", "output_speed", "pressure")
 PARAMETERS = ("leakage", "motor_damping", "pump_damping")
 REFITS = 3
 """Gauss-Newton steps of the base from its refit to the efficiency; it settles within two."""
@@ -72,9 +73,21 @@ def write_tables(folder: Path, card: dict[str, Any]) -> None:
     linear_base = base
 
     def write(models: Changed) -> None:
-        both = (base, linear_base)
-        _write(folder / "model_tests.csv", both, models, tests, channels)
-        _write(folder / "model_points.csv", both, models, points, ["efficiency"])
+        # One solution at tests and points together costs little more than one at either.
+        everywhere = {}
+        for name, values in tests.items():
+            everywhere[name] = np.concatenate([values, points[name]])
+        unchanged = readings(linear_base, everywhere)
+        changes = {"base": readings(base, everywhere), "linear": unchanged}
+        for name, (changed, factor) in models.items():
+            change = factor * (readings(changed, everywhere) - unchanged)
+            # Where the changed model stalls it says nothing of the effect.
+            changes[name] = np.nan_to_num(change)
+        count = len(tests["engine_speed"])
+        at_tests = {name: values[:, :count] for name, values in changes.items()}
+        at_points = {name: values[:, count:] for name, values in changes.items()}
+        _write(folder / "model_tests.csv", at_tests, channels)
+        _write(folder / "model_points.csv", at_points, ["efficiency"])
 
     for _ in range(REFITS):
         write(nuisance_models(linear_base, card))
@@ -138,39 +151,22 @@ def _effects(kind: Any) -> list[tuple[str, Any]]:
     return effects
 
 
-def _write(
-    path: Path,
-    bases: tuple[hmcvt.EfficiencyModel, hmcvt.EfficiencyModel],
-    models: Changed,
-    points: dict[str, Any],
-    channels: Sequence[str],
-) -> None:
-    count = len(points["engine_speed"])
-    base, linear_base = (readings(model, points, channels) for model in bases)
-    columns: dict[str, Any] = {
+def _write(path: Path, columns: dict[str, FloatArray], channels: Sequence[str]) -> None:
+    """Write a table; the columns have shape (3, n), a row a channel."""
+    count = columns["base"].shape[1]
+    table: dict[str, Any] = {
         "channel": [name for name in channels for _ in range(count)],
         "row": [float(row) for _ in channels for row in range(count)],
-        "base": base,
-        "linear": linear_base,
     }
-    for name, (model, factor) in models.items():
-        change = factor * (readings(model, points, channels) - linear_base)
-        # Where the changed model stalls it says nothing of the effect.
-        columns[name] = np.nan_to_num(change)
-    write_columns(path, columns)
+    rows = [CHANNELS.index(name) for name in channels]
+    for name, values in columns.items():
+        table[name] = values[rows].ravel()
+    write_columns(path, table)
 
 
-def readings(
-    model: hmcvt.EfficiencyModel, points: dict[str, Any], channels: Sequence[str]
-) -> FloatArray:
-    """Return efficiency, output speed and pressure, one after another."""
+def readings(model: hmcvt.EfficiencyModel, points: dict[str, Any]) -> FloatArray:
+    """Return efficiency, output speed and pressure at points, shape (3, n)."""
     stage = points["stage"] if len(model.stages) > 1 else None
     axes = [points[name] for name in AXES[:3]]
     at = OperatingPoints.checked(axes, points.get("oil_temperature"), stage)
-    efficiency, speed, pressure = model.readings_at(at)
-    rows = {
-        "efficiency": efficiency,
-        "output_speed": speed,
-        "pressure": pressure,
-    }
-    return np.concatenate([rows[channel] for channel in channels])
+    return np.asarray(model.readings_at(at))

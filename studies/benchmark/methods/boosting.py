@@ -9,11 +9,11 @@ from studies.benchmark.answer import Answer
 from studies.benchmark.case import Case
 from studies.benchmark.methods.linear import linear, nearest_answer, scaled_axes
 
-TREES = 200
+TREES = 100
 DEPTH = 2
-RATE = 0.05
+RATE = 0.1
 SUBSAMPLE = 0.7
-FOLDS = 8
+FOLDS = 5
 MIN_EXPLAINED = 0.1
 """Part of the squared residual that held-out tests must give for a gap to be reported."""
 
