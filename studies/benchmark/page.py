@@ -4,6 +4,8 @@
 from collections import Counter
 from pathlib import Path
 
+import yaml
+
 from studies.benchmark.generator import TABLE_SEEDS, VERSION, digest
 from studies.benchmark.methods import METHODS
 from studies.benchmark.scorer import (
@@ -14,6 +16,9 @@ from studies.benchmark.scorer import (
     scores_of,
 )
 from studies.page import machine, render, table
+
+REASONS_FILE = Path(__file__).parent / "reasons.yaml"
+"""Why a baseline is better, by figure; written by hand."""
 
 
 def page(folder: Path, command: str, first_seed: int) -> str:
@@ -50,11 +55,32 @@ def page(folder: Path, command: str, first_seed: int) -> str:
         kinds=table(("hidden", "twin", "bench"), rows),
         failures=figures_table(scores, FAILURES),
         successes=figures_table(scores, SUCCESSES),
+        beaten=beaten(scores),
         plants={
             plant: figures_table(own, [*FAILURES, *SUCCESSES[:6]])
             for plant, own in plants.items()
         },
     )
+
+
+def beaten(scores: dict[str, list[Score]]) -> str:
+    """Return a line for each figure in which a baseline is better than hmcvt, with the reason."""
+    reasons = yaml.safe_load(REASONS_FILE.read_text(encoding="utf-8"))
+    own = scores["hmcvt"]
+    lines = []
+    for figure in (*FAILURES, *SUCCESSES):
+        better = {
+            method: figure.cell(others)
+            for method, others in scores.items()
+            if figure.distance(others) < figure.distance(own)
+        }
+        if better:
+            values = ", ".join(f"{method} {cell}" for method, cell in better.items())
+            reason = reasons.get(figure.what, "The reason is open.")
+            lines.append(
+                f"* **{figure.what}**: {values}; hmcvt {figure.cell(own)}. {reason}"
+            )
+    return "\n".join(lines)
 
 
 def _of_plant(scores: dict[str, list[Score]], plant: str) -> dict[str, list[Score]]:

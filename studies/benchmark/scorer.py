@@ -178,6 +178,7 @@ class Figure:
         ask: value of one answer; None where it does not count.
         middle: median instead of share or mean.
         is_share: whether values are yes or no.
+        goal: best value.
     """
 
     what: str
@@ -185,11 +186,25 @@ class Figure:
     ask: Callable[[Score], Any]
     middle: bool = False
     is_share: bool = True
+    goal: float = 1.0
+
+    def values(self, scores: Sequence[Score]) -> list[Any]:
+        """Return the values that count."""
+        values = [self.ask(each) for each in scores if self.of(each)]
+        return [value for value in values if value is not None]
+
+    def distance(self, scores: Sequence[Score]) -> float:
+        """Return how far the figure of one method is from the best value."""
+        values = self.values(scores)
+        if not values:
+            return float("inf")
+        return abs(
+            float(np.median(values) if self.middle else np.mean(values)) - self.goal
+        )
 
     def cell(self, scores: Sequence[Score]) -> str:
         """Return the figure of one method."""
-        values = [self.ask(each) for each in scores if self.of(each)]
-        values = [value for value in values if value is not None]
+        values = self.values(scores)
         if not values:
             return "-"
         if self.is_share:
@@ -213,6 +228,10 @@ def _unlisted(score: Score) -> bool:
     return score.truth == "unlisted"
 
 
+def _nothing(score: Score) -> bool:
+    return score.kind == "nothing"
+
+
 def _gap(score: Score) -> bool:
     return score.truth != "no_gap"
 
@@ -225,43 +244,93 @@ def _miss(score: Score) -> float | None:
     return None if score.promised is None else abs(score.promised - score.removed)
 
 
-FAILURES = (
-    Figure("one cause: another effect is named", _single,
-           lambda s: s.verdict == "listed" and not s.same_class),
-    Figure("two or three causes: another set is named", _several,
-           lambda s: s.verdict == "listed" and not s.same_class),
-    Figure("nothing hidden: false alarm", lambda s: s.kind == "nothing",
-           lambda s: s.verdict != "no_gap"),
-    Figure("base form off, nothing hidden: an effect is named",
-           lambda s: s.kind == "base_off", lambda s: s.verdict == "listed"),
-    Figure("unlisted or wrong sign: a listed effect is named", _unlisted,
-           lambda s: s.verdict == "listed"),
-    Figure("listed cause refused as unlisted", _listed, lambda s: s.verdict == "unlisted"),
-    Figure("listed cause missed (`no_gap`)", _listed, lambda s: s.verdict == "no_gap"),
-    Figure("prediction worse than the base by over 2 %", _every, lambda s: s.worse),
-)  # fmt: skip
+_FAILURES: tuple[tuple[str, Callable[[Score], bool], Callable[[Score], Any]], ...] = (
+    (
+        "one cause: another effect is named",
+        _single,
+        lambda s: s.verdict == "listed" and not s.same_class,
+    ),
+    (
+        "two or three causes: another set is named",
+        _several,
+        lambda s: s.verdict == "listed" and not s.same_class,
+    ),
+    ("nothing hidden: false alarm", _nothing, lambda s: s.verdict != "no_gap"),
+    (
+        "base form off, nothing hidden: an effect is named",
+        lambda s: s.kind == "base_off",
+        lambda s: s.verdict == "listed",
+    ),
+    (
+        "unlisted or wrong sign: a listed effect is named",
+        _unlisted,
+        lambda s: s.verdict == "listed",
+    ),
+    ("listed cause refused as unlisted", _listed, lambda s: s.verdict == "unlisted"),
+    ("listed cause missed (`no_gap`)", _listed, lambda s: s.verdict == "no_gap"),
+    ("prediction worse than the base by over 2 %", _every, lambda s: s.worse),
+)
+FAILURES = tuple(Figure(*row, goal=0.0) for row in _FAILURES)
 SUCCESSES = (
     Figure("one cause: exact", _single, lambda s: s.exact),
     Figure("one cause: exact or its class", _single, lambda s: s.same_class),
     Figure("two or three causes: exact", _several, lambda s: s.exact),
-    Figure("two or three causes: exact or their classes", _several, lambda s: s.same_class),
+    Figure(
+        "two or three causes: exact or their classes", _several, lambda s: s.same_class
+    ),
     Figure("machine part right", _listed, lambda s: s.part),
-    Figure("unlisted or wrong sign: refused", _unlisted, lambda s: s.verdict == "unlisted"),
-    Figure("nothing hidden: no gap", lambda s: s.kind == "nothing",
-           lambda s: s.verdict == "no_gap"),
-    Figure("Brier score of the probabilities, mean (0 best, 2 worst)", _every,
-           lambda s: s.brier, is_share=False),
-    Figure("listed: fraction of the squared gap removed, median", _listed,
-           lambda s: s.removed, middle=True, is_share=False),
-    Figure("unlisted: fraction of the squared gap removed, median", _unlisted,
-           lambda s: s.removed, middle=True, is_share=False),
-    Figure("promised - removed, median size", _gap, _miss, middle=True, is_share=False),
+    Figure(
+        "unlisted or wrong sign: refused",
+        _unlisted,
+        lambda s: s.verdict == "unlisted",
+    ),
+    Figure("nothing hidden: no gap", _nothing, lambda s: s.verdict == "no_gap"),
+    Figure(
+        "Brier score of the probabilities, mean (0 best, 2 worst)",
+        _every,
+        lambda s: s.brier,
+        is_share=False,
+        goal=0.0,
+    ),
+    Figure(
+        "listed: fraction of the squared gap removed, median",
+        _listed,
+        lambda s: s.removed,
+        middle=True,
+        is_share=False,
+    ),
+    Figure(
+        "unlisted: fraction of the squared gap removed, median",
+        _unlisted,
+        lambda s: s.removed,
+        middle=True,
+        is_share=False,
+    ),
+    Figure(
+        "promised - removed, median size",
+        _gap,
+        _miss,
+        middle=True,
+        is_share=False,
+        goal=0.0,
+    ),
     Figure("where: F1, mean", _gap, lambda s: s.f1, is_share=False),
-    Figure("true gap within the interval of 95 %, mean fraction of points", _every,
-           lambda s: s.coverage, is_share=False),
-    Figure("seconds of processor time, median", _every, lambda s: s.seconds, middle=True,
-           is_share=False),
-)  # fmt: skip
+    Figure(
+        "true gap within the interval of 95 %, mean fraction of points",
+        _every,
+        lambda s: s.coverage,
+        is_share=False,
+        goal=0.95,
+    ),
+    Figure(
+        "seconds of processor time, median",
+        _every,
+        lambda s: s.seconds,
+        middle=True,
+        is_share=False,
+        goal=0.0,
+    ),
+)
 
 
 def figures_table(scores: dict[str, list[Score]], figures: Sequence[Figure]) -> str:
