@@ -15,6 +15,7 @@ from studies.benchmark.answer import Answer, read_answer, write_answer
 from studies.benchmark.case import Case, effects, write_columns
 from studies.benchmark.generator import names_of, write_case
 from studies.benchmark.methods import METHODS, forward_bic, hmcvt_diagnosis
+from studies.benchmark.page import page
 from studies.benchmark.scorer import FAILURES, f1, figures_table, scores_of
 
 POINTS = 4
@@ -157,6 +158,18 @@ def test_the_scorer_needs_nothing_of_hmcvt(made):
 def test_a_missing_answer_is_named(made):
     with pytest.raises(ValueError, match=r"answers.mine.made\.json: is missing"):
         scores_of(made, "mine")
+
+
+def test_the_page_lists_where_a_baseline_is_better(made):
+    write_answer(made / "answers" / "hmcvt" / "made.json", ANSWER)
+    better = replace(ANSWER, prediction=(0.8, 0.8, 0.82, 0.78))
+    write_answer(made / "answers" / "LASSO" / "made.json", better)
+    written = page(made, "the command", 96_500_000)
+    assert "kept apart from development" in written
+    line = "**listed: fraction of the squared gap removed, median**: LASSO 1.00; hmcvt 0.87."
+    assert line in written
+    assert "**one cause: exact**" not in written
+    assert written.index("## Failures") < written.index("## What is right")
 
 
 @pytest.mark.slow
