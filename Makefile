@@ -1,7 +1,8 @@
 # Everything that a bare machine with python3 (3.10 or newer), pip and make needs to try and to test
 # hmcvt; nothing is installed outside .venv.
 #
-#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
+#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself; then a cause is
+#                withheld and found, or not (make demo SEED=7 repeats one)
 #   make test    all tests, the ones over ROS 2 included
 #   make test-long  the tests of further campaigns, which take a few minutes more
 #   make lint types    what CI checks besides
@@ -13,12 +14,14 @@
 #                the machine should do nothing else meanwhile)
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/studies/blind.md (two hours on two cores)
+#   make benchmark  hmcvt and five simpler methods on the same cases; writes
+#                docs/studies/benchmark.md (an hour on two cores)
 #   make real DIR=...  rigs with known faults and makers' units; writes docs/studies/real.md (two minutes)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/studies/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
 #                docs/studies/export-check.md (a quarter to half an hour)
 #   make docs    the pages of docs/ as a web site, in site/
-#   make bench   time everything against what one would use instead; writes docs/studies/benchmarks.md (ten
+#   make bench   time everything against what one would use instead; writes docs/studies/timings.md (ten
 #                minutes; nothing else meanwhile, too)
 #   make lock    write constraints.txt anew: the newest versions of all that is installed for tests
 #   make clean   remove .venv and what tools left behind
@@ -38,11 +41,12 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types format oldest colcon soak bench coverage real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-long lint types format oldest colcon soak bench benchmark coverage real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.withheld $(if $(SEED),--seed $(SEED))
 
 # Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
 # runs alone. The order is that of tests/conftest.py.
@@ -108,7 +112,11 @@ coverage: $(VENV)/.dev
 	$(BIN)/python -m studies.baseline
 
 bench: $(VENV)/.dev
-	$(BIN)/python -m studies.benchmarks --out docs/studies/benchmarks.md
+	$(BIN)/python -m studies.timing --out docs/studies/timings.md
+
+# Goes on where it was interrupted; remove build/benchmark to start anew.
+benchmark: $(VENV)/.dev
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.benchmark --page docs/studies/benchmark.md
 
 export: $(VENV)/.dev
 	$(BIN)/python -m studies.export --out docs/studies/export-check.md

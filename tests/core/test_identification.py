@@ -67,7 +67,7 @@ def test_objective_21_by_hand(fitted_published, table2):
     assert determination_loss(predicted, measured) == pytest.approx(loss, rel=1e-9)
 
 
-# Lowest weighted squares by least squares from 64 points (docs/studies/benchmarks.md).
+# Lowest weighted squares by least squares from 64 points (docs/studies/timings.md).
 LOWEST = {"five": 3.9710167, "eight": 3.1234263, "simulated": 2.1298878}
 
 

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""`python -m studies.benchmarks`: time everything and write docs/studies/benchmarks.md."""
+"""`python -m studies.timing`: time everything and write docs/studies/timings.md."""
 
 import argparse
 import os
@@ -20,9 +20,9 @@ from . import drive_line, fitting, point
 def main() -> int:
     """Run them; 0 when they all ran, whether or not a goal is met."""
     parser = argparse.ArgumentParser(
-        prog="python -m studies.benchmarks", description=__doc__
+        prog="python -m studies.timing", description=__doc__
     )
-    parser.add_argument("--out", type=Path, default=Path("docs/studies/benchmarks.md"))
+    parser.add_argument("--out", type=Path, default=Path("docs/studies/timings.md"))
     parser.add_argument(
         "--quick",
         action="store_true",
@@ -38,7 +38,7 @@ def main() -> int:
     ]
     goals = [goal for section in sections for goal in section.goals]
     run = Run(
-        " ".join(["python -m studies.benchmarks", *sys.argv[1:]]),
+        " ".join(["python -m studies.timing", *sys.argv[1:]]),
         time.monotonic() - start,
         others,
     )

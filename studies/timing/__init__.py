@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The benchmarks: `make bench`, which writes docs/studies/benchmarks.md.
+"""The benchmarks: `make bench`, which writes docs/studies/timings.md.
 
 timing      calls that take turns, and what their times say
 drive_line  stage, engine speed and stroke of least fuel: against brute force
