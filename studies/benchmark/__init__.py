@@ -3,8 +3,8 @@
 
     python -m studies.benchmark
 
-makes the cases, has every method answer them and writes docs/studies/benchmark.md. That page states the
-files, so that a method in any language can take part.
+makes the cases, has every method answer them and writes docs/studies/benchmark.md. That page states
+the files, so that a method in any language can take part.
 
 generator  cases and their truth, from the plants of studies/blind; frozen, with a version
 model      the served model at its refit, and what each effect changes, as tables in a case

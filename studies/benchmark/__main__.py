@@ -10,7 +10,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.benchmark import generator
 from studies.benchmark.methods import METHODS
 from studies.benchmark.page import page
