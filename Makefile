@@ -4,6 +4,7 @@
 #   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself; then a cause is
 #                withheld and found, or not (make demo SEED=7 repeats one)
 #   make test    all tests, the ones over ROS 2 included
+#   make test-core  the tests of the core alone, offline: needs NumPy, SciPy, PyYAML and pytest
 #   make test-long  the tests of further campaigns, which take a few minutes more
 #   make lint types    what CI checks besides
 #   make format  lay out all code as `make lint` wants it
@@ -41,7 +42,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types format oldest colcon soak bench benchmark coverage real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-core test-long lint types format oldest colcon soak bench benchmark coverage real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
@@ -61,6 +62,9 @@ ifneq ($(HMCVT_CORE_ONLY),1)
 	$(BIN)/python -m pytest tests/soak
 endif
 endif
+
+test-core: $(VENV)/.core
+	$(BIN)/python -m pytest -m 'not long' tests/core
 
 test-long: $(VENV)/.dev system
 	$(BIN)/python -m pytest $(SHARED) auto -m long
@@ -180,6 +184,10 @@ $(BIN)/python:
 		  exit 1; }
 	@$(PYTHON) -m venv --without-pip $(VENV)
 	@$(PYTHON) -m pip --python $(BIN)/python --disable-pip-version-check install --quiet pip
+
+$(VENV)/.core: $(BIN)/python pyproject.toml setup.py constraints.txt
+	@$(LOCKED) --editable '.[test-core]'
+	@touch $@
 
 $(VENV)/.ros: $(BIN)/python pyproject.toml setup.py constraints.txt
 	@echo "Installing hmcvt and ROS 2 from wheels into $(VENV) (about 500 MB, once) ..."

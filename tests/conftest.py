@@ -7,7 +7,6 @@ import signal
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
-from cli.running import run
 
 from hmcvt_core import data_path, read_bench
 
@@ -30,6 +29,9 @@ def table2():
 @pytest.fixture
 def hmcvt():
     """Run the command in this process."""
+    # Here, so that the tests of the core need no library of the commands.
+    from cli.running import run
+
     return run
 
 

@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Intervals of parameters and predictions with few tests; fast and refused scalar input."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from scipy.stats import t as student
 
 import hmcvt_core as hmcvt
-import hmcvt_tools
 from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.identification.refit import refit
@@ -67,13 +65,6 @@ def test_stated_noise_gives_normal_intervals(unstated):
 def test_file_keeps_degrees_of_freedom(four, tmp_path):
     save_model(four.model, tmp_path / "m.yaml")
     assert load_model(tmp_path / "m.yaml").degrees_of_freedom == 1.0
-
-
-def test_exported_c_states_the_half_width(four, tmp_path):
-    hmcvt_tools.export_c(four.model, tmp_path / "c")
-    source = (tmp_path / "c" / "hmcvt_model.c").read_text()
-    (stated,) = re.findall(r"hmcvt_interval_90 = R\((\S+)\);", source)
-    assert float(stated) == half_width(1.0)
 
 
 def test_refit_adds_its_tests_to_the_degrees_of_freedom(four, unstated):
