@@ -1,7 +1,8 @@
 # Everything that a bare machine with python3 (3.10 or newer), pip and make needs to try and to test
 # hmcvt; nothing is installed outside .venv.
 #
-#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself
+#   make demo    watch a ROS 2 node serve the bench tests of the paper and refit itself; then a cause is
+#                withheld and found, or not (make demo SEED=7 repeats one)
 #   make test    all tests, the ones over ROS 2 included
 #   make test-long  the tests of further campaigns, which take a few minutes more
 #   make lint types    what CI checks besides
@@ -9,16 +10,18 @@
 #   make oldest  the tests of core, diagnosis, units and commands on the oldest versions that
 #                pyproject.toml allows, about those of the robot's own packages
 #   make colcon  build and test the package as a ROS workspace does; in build/
-#   make soak    the endurance trial of the node; writes docs/soak.md (a quarter of an hour;
+#   make soak    the endurance trial of the node; writes docs/studies/soak.md (a quarter of an hour;
 #                the machine should do nothing else meanwhile)
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
-#   make blind   the blind trial of the diagnosis; writes docs/blind.md (two hours on two cores)
-#   make real DIR=...  rigs with known faults and makers' units; writes docs/real.md (two minutes)
-#   make mutants  200 random mistakes in the core: do the tests see them? writes docs/mutants.md
+#   make blind   the blind trial of the diagnosis; writes docs/studies/blind.md (two hours on two cores)
+#   make benchmark  hmcvt and five simpler methods on the same cases; writes
+#                docs/studies/benchmark.md (an hour on two cores)
+#   make real DIR=...  rigs with known faults and makers' units; writes docs/studies/real.md (two minutes)
+#   make mutants  200 random mistakes in the core: do the tests see them? writes docs/studies/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
-#                docs/export-check.md (a quarter to half an hour)
+#                docs/studies/export-check.md (a quarter to half an hour)
 #   make docs    the pages of docs/ as a web site, in site/
-#   make bench   time everything against what one would use instead; writes docs/benchmarks.md (ten
+#   make bench   time everything against what one would use instead; writes docs/studies/timings.md (ten
 #                minutes; nothing else meanwhile, too)
 #   make lock    write constraints.txt anew: the newest versions of all that is installed for tests
 #   make clean   remove .venv and what tools left behind
@@ -38,11 +41,12 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONHOME VIRTUAL_ENV
 # The tests start hundreds of processes; with it each of them would compile hmcvt anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types format oldest colcon soak bench coverage real blind reproduce mutants export docs lock system clean
+.PHONY: demo test test-long lint types format oldest colcon soak bench benchmark coverage real blind reproduce mutants export docs lock system clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.withheld $(if $(SEED),--seed $(SEED))
 
 # Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
 # runs alone. The order is that of tests/conftest.py.
@@ -82,25 +86,25 @@ system:
 
 # Goes on where it was interrupted; remove blind-results.jsonl to start anew.
 blind: $(VENV)/.dev
-	$(BIN)/python -m studies.blind --seed-base 900000000 --out docs/blind.md
+	$(BIN)/python -m studies.blind --seed-base 900000000 --out docs/studies/blind.md
 	$(BIN)/python -m studies.blind --plant bench --campaigns 120 --seed 97000000 \
 		--page blind-bench.md
-	cat blind-bench.md >> docs/blind.md
+	cat blind-bench.md >> docs/studies/blind.md
 	rm blind-bench.md
 
 reproduce: $(VENV)/.dev
 	$(BIN)/python -m studies.reproduce --out reproduction
 
 soak: $(VENV)/.dev
-	$(BIN)/python -m studies.soak --out docs/soak.md
+	$(BIN)/python -m studies.soak --out docs/studies/soak.md
 
 # A million points of made-up stages against an independent solver.
 edges: $(VENV)/.dev
 	$(BIN)/python -m studies.edges
 
-# Tables of real rigs and units in a folder; docs/real.md says where to find them.
+# Tables of real rigs and units in a folder; docs/studies/real.md says where to find them.
 real: $(VENV)/.dev
-	$(BIN)/python -m studies.real $(DIR) --out docs/real.md
+	$(BIN)/python -m studies.real $(DIR) --out docs/studies/real.md
 
 # Coverage of the 95 % intervals, and changes against a sound state, on simulated machines.
 coverage: $(VENV)/.dev
@@ -108,14 +112,18 @@ coverage: $(VENV)/.dev
 	$(BIN)/python -m studies.baseline
 
 bench: $(VENV)/.dev
-	$(BIN)/python -m studies.benchmarks --out docs/benchmarks.md
+	$(BIN)/python -m studies.timing --out docs/studies/timings.md
+
+# Goes on where it was interrupted; remove build/benchmark to start anew.
+benchmark: $(VENV)/.dev
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.benchmark --page docs/studies/benchmark.md
 
 export: $(VENV)/.dev
-	$(BIN)/python -m studies.export --out docs/export-check.md
+	$(BIN)/python -m studies.export --out docs/studies/export-check.md
 
 # Goes on where it was interrupted (build/mutants holds the results).
 mutants: $(VENV)/.mutants
-	$(BIN)/python -m studies.mutants --out docs/mutants.md
+	$(BIN)/python -m studies.mutants --out docs/studies/mutants.md
 
 docs: $(BIN)/python
 	@$(LOCKED) --editable '.[docs]'

@@ -24,14 +24,18 @@ setup(
     version=VERSION,
     license="Apache-2.0",
     python_requires=">=3.10",
-    packages=[*find_packages(include=["hmcvt_core*", "hmcvt_ros*"]), *SHIPPED],
+    packages=[
+        *find_packages(include=["hmcvt_core*", "hmcvt_tools*", "hmcvt_ros*"]),
+        *SHIPPED,
+    ],
     package_dir=SHIPPED,
     include_package_data=False,
     package_data={
         "hmcvt_core": ["py.typed"],
         "hmcvt_core.data": ["*.csv", "*.md"],
-        "hmcvt_core.export": ["templates/*"],
-        "hmcvt_core.report": ["templates/*.j2", "templates/*.mplstyle"],
+        "hmcvt_tools": ["py.typed"],
+        "hmcvt_tools.export": ["templates/*"],
+        "hmcvt_tools.report": ["templates/*.j2", "templates/*.mplstyle"],
         "hmcvt_core.params": ["*.yaml", "*.csv", "*.md"],
         "hmcvt_ros": [
             "py.typed",
@@ -50,7 +54,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "hmcvt = hmcvt_core.cli:main",
+            "hmcvt = hmcvt_tools.cli:main",
             "hmcvt-node = hmcvt_ros.efficiency_node:main",
             # The name that `ros2 run hmcvt_ros efficiency_node` looks for.
             "efficiency_node = hmcvt_ros.efficiency_node:main",
@@ -62,7 +66,7 @@ setup(
         "hmcvt.readers": [
             *(f"{kind} = hmcvt_ros.bag:read_bag" for kind in ("folder", "mcap", "db3")),
             *(
-                f"{kind} = hmcvt_core.files.log_import:read_log"
+                f"{kind} = hmcvt_tools.logs.log_import:read_log"
                 for kind in ("mf4", "mdf", "tdms", "blf", "asc", "trc", "log")
             ),
         ],

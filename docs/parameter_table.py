@@ -1,11 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Write the table of parameters in docs/node.md anew: `python docs/parameter_table.py`."""
+"""Write the table of parameters in docs/node-reference.md.
+
+`python docs/parameter_table.py` writes it.
+"""
 
 from pathlib import Path
 
 from hmcvt_ros.parameters import PARAMETERS, Declaration
 
-PAGE = Path(__file__).with_name("node.md")
+PAGE = Path(__file__).with_name("node-reference.md")
 BEGIN, END = "<!-- parameters: begin -->\n", "<!-- parameters: end -->\n"
 
 

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Write the table of settings in docs/design-diagnosis.md: `python docs/settings_table.py`."""
+"""Write the table of settings in docs/settings.md: `python docs/settings_table.py`."""
 
 import ast
 import itertools
@@ -9,7 +9,7 @@ from typing import Any
 
 from hmcvt_core.diagnosis import settings
 
-PAGE = Path(__file__).with_name("design-diagnosis.md")
+PAGE = Path(__file__).with_name("settings.md")
 BEGIN = "<!-- settings: begin -->\n"
 END = "<!-- settings: end -->\n"
 

@@ -18,8 +18,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import hmcvt_core as hmcvt
-from hmcvt_core.report import write_html
 from hmcvt_ros.bag import ImportSettings, import_bag
+from hmcvt_tools.report import write_html
 
 RATE = 10.0  # messages per second
 HOLD = 7.0  # seconds at each test

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 
 STAGE = "HM2"
 STEP = 0.01  # s
@@ -181,7 +182,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tractor.fmu"
         try:
-            hmcvt.export_fmu(model, path)
+            hmcvt_tools.export_fmu(model, path)
         except hmcvt.InputError as error:
             raise SystemExit(f"fmu_tractor: {error}") from None
         transmission = Transmission(path)

@@ -6,8 +6,23 @@
     model.efficiency(displacement_ratio, engine_speed, load_torque)
 
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
+
+monitoring      the watch on a stream of samples
+benches         what the diagnosis needs of a transmission or a unit
+identification  bench samples in, parameters out
+model           lookup, optimum, map, parameter file
+diagnosis       inference on any system; knows no transmission
+physics         power balance, effects, formulas of the paper
+files           the core's own files: bench CSV, YAML, atomic writes
+transmission    gear train, parameters, ranges
+
+Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
+`hmcvt_tools`.
 """
 
+import typing
+
+from . import moved
 from .benches.own_system import SystemEffect, observe_system
 from .benches.transmission import diagnose, next_test, separable
 from .benches.unit import diagnose_unit
@@ -15,12 +30,8 @@ from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
 from .diagnosis.observations import Observations
 from .diagnosis.system import Array, Axis, BaseParameters, Channel, Points, System
 from .errors import HmcvtError, IdentificationError, InputError
-from .estimation import Estimate, EstimateSettings, estimate
-from .export import export_c, export_fmu, export_mat
 from .files import data_path
 from .files.bench import BenchSamples, read_bench, write_bench
-from .files.raw import read_raw_bench
-from .files.units import read_unit
 from .identification import Identification, Schedule, identify
 from .model.breakdown import Breakdown
 from .model.domain import Domain, EfficiencyMap, Prediction
@@ -31,7 +42,6 @@ from .model.parameter_file import load_model, load_stage, save_model
 from .monitoring import Opening, Watch, watch
 from .physics.effects import load_effects
 from .physics.effects.base import Effect, ShaftState, Value, shape, size
-from .report import write_html
 from .transmission.parameters import HydraulicParameters
 from .transmission.stage import GearPair, Path, PumpMotor, Stage
 from .version import __version__
@@ -101,3 +111,26 @@ __all__ = [
     "write_bench",
     "write_html",
 ]
+
+_MOVED = frozenset(
+    {
+        "Estimate",
+        "EstimateSettings",
+        "estimate",
+        "export_c",
+        "export_fmu",
+        "export_mat",
+        "read_raw_bench",
+        "read_unit",
+        "write_html",
+    }
+)
+
+
+def __getattr__(name: str) -> typing.Any:
+    """Return a name that moved to `hmcvt_tools`, with a `DeprecationWarning`."""
+    return moved.from_tools(__name__, name, _MOVED)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MOVED})

@@ -3,19 +3,21 @@
 
 The public names are those of `hmcvt_core` itself. The names below serve programs that process bench
 data or run the model for a long time, as `hmcvt_ros` does. They keep their names and meaning within
-a minor version; everything else inside the core may change at any time. Commands for the command
-line use `hmcvt_core.cli.common` in addition (docs/cli.md).
+a minor version; everything else inside the core may change at any time. What packages build on
+`hmcvt_tools` is in `hmcvt_tools.__all__`; names that moved there are still found here, with a
+warning.
 
 | for | names |
 |---|---|
 | ranges of quantities | `Range`, `BENCH_COLUMNS`, `POINT_RANGES`, `DISPLACEMENT_RATIO`, ... |
 | files that survive a crash | `write_atomically`, `make_folder`, `sync_folder`, `free_name`, ... |
-| steady windows of a recording | `Shafts`, `Readings`, `Steadiness`, `steady_tests`, ... |
 | a model in service | `refit`, `MAX_CHANGE`, `joined`, `HOLDS`, `PAPER_EFFICIENCY_UNCERTAINTY` |
-| control of the drive line | `Controller`, `Drive`, `Vehicle`, `load_vehicle` |
-| processes and replies | `ONE_BLAS_THREAD`, `plain`, `UNITS` |
+| replies | `plain` |
 """
 
+import typing
+
+from . import moved
 from .files import plain
 from .files.atomic import (
     free_name,
@@ -26,26 +28,7 @@ from .files.atomic import (
     write_atomically,
 )
 from .files.bench import joined
-from .files.steady import (
-    SETTLED,
-    Readings,
-    Shafts,
-    Steadiness,
-    SteadyWindow,
-    block_statistics,
-    channels,
-    complaint,
-    held,
-    limit,
-    require_positive,
-    split_at_gaps,
-    steady_tests,
-)
-from .files.tables.units import UNITS
-from .fleet import ONE_BLAS_THREAD
 from .identification.refit import MAX_CHANGE, refit
-from .mission import Drive, Vehicle, load_vehicle
-from .mission.controller import Controller
 from .model.optimum import HOLDS
 from .transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from .transmission.ranges import (
@@ -71,36 +54,50 @@ __all__ = [
     "LOAD_TORQUE",
     "MAX_CHANGE",
     "OIL_TEMPERATURE",
-    "ONE_BLAS_THREAD",
     "OUTPUT_SPEED",
     "PAPER_EFFICIENCY_UNCERTAINTY",
     "POINT_RANGES",
-    "SETTLED",
-    "UNITS",
-    "Controller",
-    "Drive",
     "Range",
-    "Readings",
-    "Shafts",
-    "Steadiness",
-    "SteadyWindow",
-    "Vehicle",
-    "block_statistics",
-    "channels",
-    "complaint",
     "free_name",
-    "held",
     "joined",
-    "limit",
-    "load_vehicle",
     "make_folder",
     "numbered",
     "plain",
     "refit",
     "remove_leftovers",
-    "require_positive",
-    "split_at_gaps",
-    "steady_tests",
     "sync_folder",
     "write_atomically",
 ]
+
+_MOVED = frozenset(
+    {
+        "Controller",
+        "Drive",
+        "ONE_BLAS_THREAD",
+        "Readings",
+        "SETTLED",
+        "Shafts",
+        "Steadiness",
+        "SteadyWindow",
+        "UNITS",
+        "Vehicle",
+        "block_statistics",
+        "channels",
+        "complaint",
+        "held",
+        "limit",
+        "load_vehicle",
+        "require_positive",
+        "split_at_gaps",
+        "steady_tests",
+    }
+)
+
+
+def __getattr__(name: str) -> typing.Any:
+    """Return a name that moved to `hmcvt_tools`, with a `DeprecationWarning`."""
+    return moved.from_tools(__name__, name, _MOVED)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MOVED})

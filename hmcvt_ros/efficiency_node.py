@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from rclpy.signals import SignalHandlerOptions
     from rclpy.utilities import remove_ros_args
 
-    from hmcvt_core.interface import ONE_BLAS_THREAD
+    from hmcvt_tools import ONE_BLAS_THREAD
 
     from .node import EfficiencyNode
     from .parameters import usage

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.interface import (
     PAPER_EFFICIENCY_UNCERTAINTY,
     plain,
@@ -261,7 +262,7 @@ def diagnose(
     try:
         path = next_name(reports, PAGES, PAGE_DATA).with_suffix(".html")
         write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
-        hmcvt.write_html(diagnosis, path)
+        hmcvt_tools.write_html(diagnosis, path)
     except Exception as error:
         # Of any kind, such as a full disk or no Jinja2: the answer is worth more than the page.
         reason = str(error)

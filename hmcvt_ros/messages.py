@@ -28,8 +28,8 @@ from hmcvt_core.interface import (
     DISPLACEMENT_RATIO,
     OIL_TEMPERATURE,
     Range,
-    Shafts,
 )
+from hmcvt_tools import Shafts
 
 from .bench_log import FROM_SHAFTS
 from .inputs import (

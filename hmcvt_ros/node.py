@@ -37,7 +37,8 @@ from hmcvt_core import (
     load_effects,
     load_engine,
 )
-from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined, load_vehicle
+from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined
+from hmcvt_tools import load_vehicle
 
 from . import messages, parameters, qos
 from .bench_log import BenchLog

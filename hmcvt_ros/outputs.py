@@ -11,7 +11,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from hmcvt_core import EfficiencyModel, Engine
-from hmcvt_core.interface import HOLDS, Controller, Drive, Vehicle
+from hmcvt_core.interface import HOLDS
+from hmcvt_tools import Controller, Drive, Vehicle
 
 from . import qos
 from .inputs import OperatingPoint

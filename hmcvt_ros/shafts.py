@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from hmcvt_core import HmcvtError
-from hmcvt_core.interface import Shafts
+from hmcvt_tools import Shafts
 
 ENGINE = "engine"
 OUTPUT = "output"

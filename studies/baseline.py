@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.unit import diagnose_unit
-from hmcvt_core.files.units import UnitSamples
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage, PressureLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.wear import LaminarLeakage, ViscousDamping
+from hmcvt_tools.fleet.executors import Processes
 from studies.page import table
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis
 from hmcvt_core.diagnosis.settings import REGION_SIGNIFICANCE
 from hmcvt_core.errors import InputError
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import Case, draw, served
 from studies.blind.bench.library import without_effects
 from studies.blind.bench.properties import Bench

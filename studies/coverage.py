@@ -22,7 +22,7 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import without_remainder
 from hmcvt_core.errors import InputError
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.campaign import Campaign, fresh, make_campaign
 from studies.blind.catalogue import UNKNOWN_EFFECTS
 from studies.blind.conditions import MISFITS, SHIFTS, log_uniform

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.hydraulic import CompressibilityAir, OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.effect import FloatArray
 from studies.page import table
 

@@ -7,7 +7,7 @@ A campaign is drawn from stage HM4 of the paper with parameters of its own; the 
 exact, and the noise of the efficiency is normal with the paper's 1.12 %. Parameters and the
 efficiency at fresh points within the data are compared with their 90 % intervals. Where the
 noise is not stated and a model has a misfit, its intervals are those of a further reading (see
-`docs/identify.md`), and a fresh reading is compared with them.
+`docs/identify-reference.md`), and a fresh reading is compared with them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.files import data_path
 from hmcvt_core.files.bench import BenchSamples
-from hmcvt_core.fleet.executors import Processes
 from hmcvt_core.identification.misfit import FEWEST
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stage
@@ -34,6 +33,7 @@ from hmcvt_core.transmission.parameters import (
 )
 from hmcvt_core.transmission.ranges import Array
 from hmcvt_core.transmission.stage import Stage
+from hmcvt_tools.fleet.executors import Processes
 from studies.page import table
 
 KEPT_BACK = 98_600_000

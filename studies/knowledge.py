@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.mission import Cycle, Drive, load_vehicle, read_cycle
-from hmcvt_core.mission.knowledge import in_transmission, worth
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import ChargePump, Churning
 from hmcvt_core.transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
+from hmcvt_tools.mission import Cycle, Drive, load_vehicle, read_cycle
+from hmcvt_tools.mission.knowledge import in_transmission, worth
 
 TESTS = (5, 8, 24, 96)
 CYCLES = ("ploughing", "transport")

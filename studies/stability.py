@@ -20,7 +20,7 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 from hmcvt_core.errors import InputError
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind import conditions, trial
 from studies.blind.bench import judge
 from studies.blind.bench.library import without_effects

@@ -66,7 +66,15 @@ def test_unknown_file_is_refused():
 def third_party(*folders):
     """What the Python files of some folders import from elsewhere, under the names of rosdep."""
     found = set()
-    own = {"examples", "hmcvt_core", "hmcvt_ros", "setuptools", "studies", "tests"}
+    own = {
+        "examples",
+        "hmcvt_core",
+        "hmcvt_tools",
+        "hmcvt_ros",
+        "setuptools",
+        "studies",
+        "tests",
+    }
     own |= {path.stem for path in (ROOT / "docs").glob("*.py")}
     for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
         own |= {path.stem} | ({path.parent.name} if path.stem == "__init__" else set())
@@ -86,7 +94,7 @@ def optional():
     extras = dict(zip(parts[::2], parts[1::2], strict=True))
     return {
         word
-        for name in extras.keys() - {"ros", "report", "plot", "test", "dev"}
+        for name in extras.keys() - {"ros", "tools", "report", "plot", "test", "dev"}
         for word in re.findall(r"[\w-]+", extras[name])
     }
 
@@ -98,7 +106,7 @@ def depends(kind):
 def test_rosdep_installs_the_imports():
     # ros2launch is the command that starts the launch file.
     assert depends("exec_depend") - {"ros2launch"} == (
-        third_party("hmcvt_core", "hmcvt_ros") - optional()
+        third_party("hmcvt_core", "hmcvt_tools", "hmcvt_ros") - optional()
     )
 
 
@@ -154,6 +162,7 @@ def test_every_source_file_has_the_licence_header():
             "docs",
             "examples",
             "hmcvt_core",
+            "hmcvt_tools",
             "hmcvt_ros",
             "studies",
             "tests",
@@ -246,8 +255,10 @@ def test_changelog_begins_with_this_version():
 
 
 def test_web_site_has_every_page_once():
-    named = re.findall(r"^ +- .*?([\w-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
-    assert sorted(named) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
+    named = re.findall(r"^ +- .*?([\w/-]+\.md)$", read("mkdocs.yml"), re.MULTILINE)
+    docs = ROOT / "docs"
+    pages = [path.relative_to(docs).as_posix() for path in docs.rglob("*.md")]
+    assert sorted(named) == sorted(pages)
     assert named[0] == "index.md"
 
 
@@ -257,7 +268,7 @@ def test_web_site_loads_nothing_from_the_network():
     )
     assert re.search(r"^  font: false$", theme[1], re.MULTILINE)
     # The theme would load this renderer from a server.
-    for path in (ROOT / "docs").glob("*.md"):
+    for path in (ROOT / "docs").rglob("*.md"):
         assert "```mermaid" not in path.read_text(encoding="utf-8"), path
 
 
@@ -272,7 +283,9 @@ def test_api_pages_list_every_public_name():
         name
         for path in (ROOT / "docs").glob("api*.md")
         for name in re.findall(
-            r"^::: hmcvt_core[\w.]*\.(\w+)$", path.read_text("utf-8"), re.MULTILINE
+            r"^::: hmcvt_(?:core|tools)[\w.]*\.(\w+)$",
+            path.read_text("utf-8"),
+            re.MULTILINE,
         )
     ]
     assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})

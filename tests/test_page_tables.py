@@ -28,7 +28,7 @@ def test_tables_of_the_pages_agree_with_the_code():
 
 
 def test_priors_of_the_page_are_those_of_the_code():
-    page = read("docs/diagnosis.md")
+    page = read("docs/diagnosis-method.md")
     names = {
         kind.name for kind in library() if kind.__module__.startswith("hmcvt_core.")
     }
@@ -46,7 +46,7 @@ def test_priors_of_the_page_are_those_of_the_code():
         assert int(number) == count
         assert float(share) == pytest.approx(prior / count, rel=0.05)
     for words, prior in (
-        ("misfit of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
+        ("error of the base model alone", settings.PRIOR_BASE_DISCREPANCY),
         ("unlisted loss alone", settings.PRIOR_UNLISTED),
     ):
         (value,) = re.findall(rf"^\| {words} \| ([\d.]+) \|", page, re.MULTILINE)
@@ -77,7 +77,7 @@ CHANNEL = """
 import numpy as np
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
-from hmcvt_core.files.tables.rules import meaning_of
+from hmcvt_tools.tables.rules import meaning_of
 
 model = hmcvt.load_model(PARAMS)
 samples = hmcvt.BenchSamples([0.5], [150.0], [200.0], [0.8], pump_torque=[40.0])
@@ -93,7 +93,8 @@ def test_the_channel_of_the_first_change_is_a_channel(tmp_path):
     page = read("docs/first-change.md").partition("## Add a bench channel")[2]
     entry = re.search(r"( +Quantity\(\n.*?\n {12}\),\n)", page, re.DOTALL)
     function = re.search(r"( +def pump_torque.*?)\n\n", page, re.DOTALL)
-    shutil.copytree(ROOT / "hmcvt_core", tmp_path / "hmcvt_core")
+    for package in ("hmcvt_core", "hmcvt_tools"):
+        shutil.copytree(ROOT / package, tmp_path / package)
     registry = tmp_path / "hmcvt_core" / "transmission" / "quantities.py"
     end = ')\n"""Every quantity of a bench."""'
     text = registry.read_text(encoding="utf-8")

@@ -10,7 +10,10 @@ from diagnosis.html_browser import laid_out
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
-PAGES = sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
+DOCS = ROOT / "docs"
+PAGES = sorted(
+    path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")
+)
 PARTS = 4  # a browser for each: all pages at once are too much for one
 
 
@@ -29,13 +32,17 @@ def site(tmp_path_factory):
     return folder
 
 
+def _with_base(path):
+    """Return the text of a page that finds its style sheets from any folder."""
+    base = f'<head><base href="{path.parent.as_uri()}/">'
+    return path.read_text("utf-8").replace("<head>", base, 1)
+
+
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_page_is_wider_than_the_screen(site, tmp_path, part):
     names = PAGES[part::PARTS]
-    base = f'<head><base href="{site.as_uri()}/">'
     pages = {
-        name: (site / f"{name}.html").read_text("utf-8").replace("<head>", base, 1)
-        for name in names
+        name.replace("/", "-"): _with_base(site / f"{name}.html") for name in names
     }
     measured = laid_out(pages, tmp_path).pages
     assert len(measured) == 2 * len(names)

@@ -1,6 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m hmcvt_core.cli` is `hmcvt`."""
 
-from . import main
+from ..moved import tools
 
-main()
+tools("hmcvt_tools.cli").main()

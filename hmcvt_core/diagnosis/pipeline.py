@@ -24,8 +24,8 @@ from .observations import Observations
 from .preparation import prepare
 from .results.diagnosis import Diagnosis
 from .results.notes import noise_notes
-from .results.outcome import NAMING, Delivered, Gap
-from .results.shrinkage import CrossValidation, Measurement, measure_shrinkage
+from .results.outcome import BASE, LEADING_SET, NAMING, Delivered, Gap
+from .results.shrinkage import CrossValidation, Holdout
 from .results.summary import (
     causes_of,
     lost_power_of,
@@ -35,9 +35,8 @@ from .results.summary import (
 )
 from .results.where import regions_of
 from .selection.posterior import compute_posterior
-from .statements.agreement import Agreement, agreement_of
+from .statements.agreement import agreement_of
 from .statements.members import members_of
-from .statements.scatter import ExcessScatter, excess_scatter
 from .statements.verdict import set_is_settled, verdict_of
 from .system import Points, System
 
@@ -86,12 +85,14 @@ def diagnose_system(
     analysis = Analysis(posterior, boxes, detection, seed, classes)
     report_step("step 3 of 3, how far the gap shrinks")
     validation = CrossValidation(analysis)
-    measurement = measure_shrinkage(analysis, validation, held_out)
+    judge: CrossValidation | Holdout = validation
+    if held_out is not None:
+        judge = Holdout(analysis, held_out)
     possible = system.candidates(base.observed.points, base.base)
     advice = advise(posterior, possible, classes)
-    first_notes = (*warnings, *notes, *preparation_notes, *measurement.notes)
+    first_notes = (*warnings, *notes, *preparation_notes)
     diagnosis = _summarise(
-        analysis, validation, measurement, advice, tuple(warnings), first_notes
+        analysis, validation, judge, advice, tuple(warnings), first_notes
     )
     return replace(diagnosis, left_out=outliers)
 
@@ -99,7 +100,7 @@ def diagnose_system(
 def _summarise(
     analysis: Analysis,
     validation: CrossValidation,
-    measurement: Measurement,
+    judge: CrossValidation | Holdout,
     advice: Advice,
     warnings: tuple[str, ...],
     first_notes: tuple[str, ...],
@@ -111,20 +112,20 @@ def _summarise(
     system = base_only.fit.hypothesis.system
     agreement = agreement_of(base_only.fit)
     members = members_of(analysis)
-    verdict, verdict_notes = verdict_of(analysis, agreement, members)
+    verdict, verdict_notes, scatter = verdict_of(analysis, agreement, members)
     settled = set_is_settled(analysis)
-    scatter = _scatter_of(analysis, agreement, verdict)
-    if verdict == "unexplained" and scatter is not None:
-        verdict = "excess_scatter"
-        verdict_notes = ()
     residuals = validation.base_errors
     residuals_after = residuals
     base_parameters = parameters_of(base_only, base_only.fit)
     parameters = base_parameters
+    measurement = judge.measured(base_only)
+    kind = BASE
     if verdict in NAMING and analysis.posterior.sets:
         leading, _ = analysis.leading
         residuals_after = validation.errors(leading)
         parameters = parameters_of(leading, leading.served_fit)
+        measurement = judge.measured(leading)
+        kind = LEADING_SET
     return Diagnosis(
         gap=Gap(
             samples=len(residuals),
@@ -141,7 +142,7 @@ def _summarise(
         sets=sets_of(analysis, validation),
         classes=analysis.classes if analysis.significant else (),
         shrinkage=measurement.shrinkage,
-        delivered=Delivered(rms(residuals), rms(residuals_after)),
+        delivered=Delivered(rms(residuals), rms(residuals_after), kind),
         next_tests=advice.next_tests,
         advice=advice,
         unlisted=posterior.unlisted if analysis.significant else 0.0,
@@ -150,6 +151,7 @@ def _summarise(
         warnings=warnings,
         notes=(
             *first_notes,
+            *measurement.notes,
             *noise_notes(analysis),
             *system.remarks(observed.samples),
             *verdict_notes,
@@ -169,33 +171,8 @@ def _summarise(
         scatter=scatter,
         members=members,
         set_is_settled=settled,
+        judge=judge,
     )
-
-
-def _scatter_of(
-    analysis: Analysis, agreement: Agreement, verdict: str
-) -> ExcessScatter | None:
-    """Return the scatter above its statement that is left once a named set is added.
-
-    Where listed effects do not explain the gap, that is None if a loss along the axes is likelier.
-    """
-    if not analysis.significant or verdict == "excess_scatter":
-        return excess_scatter(analysis.base, agreement)
-    if verdict == "unexplained":
-        return _scatter_of_gap(analysis, agreement)
-    if verdict == "other_form":
-        return None
-    leading, _ = analysis.leading
-    return excess_scatter(leading.fit, agreement_of(leading.fit))
-
-
-def _scatter_of_gap(analysis: Analysis, agreement: Agreement) -> ExcessScatter | None:
-    """Return scatter that explains a gap better than a loss along the axes does, or None."""
-    likeliest, _ = analysis.posterior.entries[0]
-    if likeliest.discrepancy is None or likeliest.names:
-        return None
-    scatter = excess_scatter(analysis.base, agreement, likeliest.discrepancy)
-    return scatter if scatter is not None and scatter.is_probable else None
 
 
 def next_test(

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Files on disk: bench tables, row-exact errors, atomic writes, shipped data, strict JSON."""
+"""The core's own files: bench tables, YAML, shipped data; atomic writes, strict JSON."""
 
 import html
 import math
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..moved import tools
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -31,11 +32,20 @@ def data_path(name: str) -> Path:
 
 @singledispatch
 def picture(shown: Any, *options: Any, **named: Any) -> Any:
-    """Return a matplotlib figure of a result; `hmcvt_core.report` says how for each kind.
+    """Return a matplotlib figure of a result.
 
-    It stands above what it draws, which is why it registers here.
+    `hmcvt_tools.report` draws each kind and registers here. It is imported when a picture is asked
+    for.
+
+    Raises:
+        TypeError: nothing draws results of this kind.
+        InputError: matplotlib is missing.
     """
-    raise TypeError(f"there is no picture of {type(shown).__name__}")
+    tools("hmcvt_tools.report")
+    draw = picture.dispatch(type(shown))
+    if draw is picture.dispatch(object):
+        raise TypeError(f"there is no picture of {type(shown).__name__}")
+    return draw(shown, *options, **named)
 
 
 def preformatted(text: str) -> str:

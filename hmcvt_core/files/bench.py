@@ -24,7 +24,6 @@ from ..transmission.ranges import (
 from .atomic import write_atomically
 from .checks import is_dataframe, is_path, require_path, wrong_type
 from .table import Table, csv_text, read_plain
-from .tables.units import holds_units
 
 _NAMES = tuple(column.name for column in BENCH_COLUMNS)
 
@@ -40,6 +39,8 @@ _Columns: Any = make_dataclass(
     eq=False,
 )
 _frozen: Any = dataclass(frozen=True, eq=False)
+_NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
+"""Beginning of a cell that is meant as a number; a row without any holds units or names."""
 
 
 @_frozen
@@ -131,7 +132,7 @@ class BenchSamples(_Columns):  # type: ignore[misc]
             import pandas
         except ImportError:
             raise InputError(
-                'a DataFrame needs pandas: pip install ".[table]"'
+                'a DataFrame needs pandas: pip install ".[tools]"'
             ) from None
         return pandas.DataFrame(
             {**self.columns, **{name: list(text) for name, text in self.extra.items()}}
@@ -251,7 +252,7 @@ def read_columns(
     """
     table = read_plain(path, required, column_name)
     first = [table.columns[name][0] for name in required]
-    if holds_units(first):
+    if any(first) and not any(map(_NUMERIC.match, first)):
         raise InputError(
             f"{table.source}: row {table.rows[0]}: {', '.join(first)} are no numbers; "
             f"remove a row of units ({required[1]} is in rad/s, {required[2]} in N m)"

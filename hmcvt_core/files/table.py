@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Strict CSV with known names and no broken row; every complaint names its row.
 
-Tables of any other form are read by `hmcvt_core.files.tables`.
+Tables of any other form are read by `hmcvt_tools.tables`.
 """
 
 import csv
@@ -18,8 +18,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..transmission.ranges import Array, Range
-from .tables.numbers import is_number, no_number
-from .tables.reading import read_text, split_rows
+from .numbers import is_number, no_number
+from .text import read_text, split_rows
 
 # A comma that cannot set thousands apart, as in 0,643 or 78,54, and a point that is one.
 _COMMA = re.compile(

@@ -3,6 +3,7 @@
 
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..files import picture, plain
 from ..files.checks import require_path
+from ..files.numbers import is_number
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
-from ..files.tables.rules import meaning_of
-from ..files.tables.units import holds_units
 from ..transmission.mapping import Section
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
@@ -34,11 +34,37 @@ _UNITS = {
         _SPECIFIC_UNIT: 1e-3 / 3.6e6,
     },
 }
-_MEANINGS = {
-    "engine_speed": ("engine_speed", "any_speed"),
-    "torque": ("engine_torque", "any_torque"),
+_WORDS = {
+    "engine_speed": frozenset(
+        {
+            *("speed", "spd", "rpm", "omega", "drehzahl", "motordrehzahl"),
+            *("regime", "vitesse", "regimen", "velocidad", "giri", "velocita"),
+            *("\u8f6c\u901f", "\u53d1\u52a8\u673a\u8f6c\u901f"),
+        }
+    ),
+    "torque": frozenset(
+        {
+            *("torque", "trq", "tq", "md", "moment", "drehmoment"),
+            *("motordrehmoment", "motormoment", "couple", "par", "coppia"),
+            *("\u626d\u77e9", "\u8f6c\u77e9", "\u53d1\u52a8\u673a\u626d\u77e9"),
+        }
+    ),
 }
-"""Meanings of a column by other names, as `engine speed [rpm]`; of an engine there is one shaft."""
+"""Words that name a quantity in columns by other names, as `engine speed [rpm]`."""
+_LETTERS = {"engine_speed": frozenset("n"), "torque": frozenset("mt")}
+"""Symbols that name a quantity where its unit stands behind them."""
+_BESIDE = {
+    "engine_speed": frozenset(("rpm", "r", "min", "rad", "s", "per")),
+    "torque": frozenset(("nm", "n", "m")),
+}
+"""Words of a unit behind the name."""
+_ENGINE_WORDS = frozenset(
+    {
+        *("engine", "eng", "e", "motor", "moteur", "motore", "crankshaft", "shaft"),
+        *("actual", "measured", "mean", "average", "avg", "rotational"),
+    }
+)
+"""Words that change nothing: an engine has one shaft. Any other word makes the name another one."""
 _FUEL = re.compile(
     r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
 )
@@ -240,13 +266,20 @@ def _with_row_of_units(cells: Table) -> Table:
     if not cells.rows:
         return cells
     below = {name: _plain(column[0]) for name, column in cells.columns.items()}
-    if not holds_units(list(below.values())):
+    if not _holds_units(below.values()):
         return cells
     columns = {}
     for name, column in cells.columns.items():
         unit = below[name].strip("[]()")
         columns[f"{name} [{unit}]"] = column[1:]
     return replace(cells, columns=columns, rows=cells.rows[1:])
+
+
+def _holds_units(cells: Iterable[str]) -> bool:
+    """Return whether a row holds no number, and a unit of an engine's table."""
+    known = {unit for units in _UNITS.values() for unit in units}
+    bare = [cell.strip("[]() ") for cell in cells]
+    return not known.isdisjoint(bare) and not any(map(is_number, bare))
 
 
 def _driving(cells: Table) -> Table:
@@ -367,5 +400,10 @@ def _names(column: str, quantity: str) -> bool:
     """Return whether a column by another name holds a quantity of an engine's map."""
     if quantity == "fuel":
         return _FUEL.search(column) is not None
-    meaning = meaning_of(column)
-    return meaning.quantity in _MEANINGS[quantity] and not meaning.unknown
+    bare = re.sub(r"[\[(][^\[(]*[\])]\s*$", "", column)
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare)
+    words = set(re.findall(r"[^\W_]+", parted.lower()))
+    named = words & _WORDS[quantity]
+    if _stated_unit(column, quantity) in _UNITS[quantity]:
+        named |= words & _LETTERS[quantity]
+    return bool(named) and words - named <= _ENGINE_WORDS | _BESIDE[quantity]

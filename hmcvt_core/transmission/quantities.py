@@ -86,7 +86,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading of a table that names a quantity; words mean what `files.tables.rules` lists.
+    """A heading of a table that names a quantity; words mean what `hmcvt_tools.tables.rules` lists.
 
     Attributes:
         side: `engine`, `output` or `load` of the transmission; `""` where none applies.
@@ -138,7 +138,7 @@ class Quantity(Range):
     """One quantity that enters from outside.
 
     Attributes:
-        kind: what it measures, one of `files.tables.rules.KINDS`; decides units and headings.
+        kind: what it measures, one of `hmcvt_tools.tables.rules.KINDS`; decides units and headings.
         symbol: in formulas; empty for none.
         meaning: what it is, for the documentation.
         headings: of a table that name it, any of them.

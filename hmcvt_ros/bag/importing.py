@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import BenchSamples, InputError
-from hmcvt_core.interface import (
+from hmcvt_tools import (
     SETTLED,
     Readings,
     Steadiness,

@@ -21,10 +21,8 @@ from hmcvt_core.interface import (
     OIL_TEMPERATURE,
     OUTPUT_SPEED,
     Range,
-    Readings,
-    Shafts,
-    held,
 )
+from hmcvt_tools import Readings, Shafts, held
 
 from ..shafts import UnreadableError, read_shafts
 from .reader import NANOSECONDS, Bag

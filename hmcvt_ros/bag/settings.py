@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hmcvt_core import InputError
-from hmcvt_core.interface import Shafts, Steadiness, limit, require_positive
+from hmcvt_tools import Shafts, Steadiness, limit, require_positive
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from hmcvt_core import InputError, write_bench
-from hmcvt_core.cli.common import Answer, OutputFile, Progress, answers
-from hmcvt_core.interface import UNITS, Shafts
+from hmcvt_tools import UNITS, Shafts
+from hmcvt_tools.cli.common import Answer, OutputFile, Progress, answers
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 

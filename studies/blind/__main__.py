@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from hmcvt_core.cli import run_command
-from hmcvt_core.cli.common import OutputFile
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.cli.commands import run_command
+from hmcvt_tools.cli.common import OutputFile
+from hmcvt_tools.fleet.executors import Processes
 from studies.workers import recorded
 
 from .bench.properties import PROPERTIES, Bench

@@ -17,11 +17,11 @@ from typing import Any
 import click
 
 import hmcvt_core.diagnosis
-from hmcvt_core.cli import run_command
-from hmcvt_core.cli.common import OutputFile
 from hmcvt_core.diagnosis import settings
 from hmcvt_core.errors import InputError
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.cli.commands import run_command
+from hmcvt_tools.cli.common import OutputFile
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import Case
 from studies.blind.bench.properties import Bench
 from studies.blind.bench.scores import Record, as_wanted, first_set

@@ -9,8 +9,9 @@ from tempfile import TemporaryDirectory
 import click
 
 import hmcvt_core as hmcvt
-from hmcvt_core.export.effect_tables import BOUND
+import hmcvt_tools
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_tools.export.effect_tables import BOUND
 from studies.page import Goal, goal_table, machine, render, table
 
 from .answers import (
@@ -93,7 +94,7 @@ def _fmus(folder: Path) -> list[Path]:
     paths = []
     for version in (2, 3):
         path = folder / f"fmi{version}.fmu"
-        hmcvt.export_fmu(model, path, version)
+        hmcvt_tools.export_fmu(model, path, version)
         paths.append(path)
     return paths
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.transmission.ranges import (
     ENGINE_SPEED_LIMITS,
     OperatingPoints,
@@ -83,7 +84,7 @@ def exported_models(folder: Path) -> list[ExportedModel]:
         libraries = {}
         for precision in ("double", "single"):
             target = folder / f"{name}_{precision}"
-            hmcvt.export_c(model, target, precision)
+            hmcvt_tools.export_c(model, target, precision)
             libraries[precision] = Library(target, model, precision)
         models.append(ExportedModel(name, model, **libraries))
     return models
@@ -178,7 +179,7 @@ def effect_figures(case: str, count: int) -> EffectFigures:
     alone = []
     with TemporaryDirectory() as parent:
         folder = Path(parent) / "c"
-        accuracy = hmcvt.export_c(model, folder)
+        accuracy = hmcvt_tools.export_c(model, folder)
         library = Library(folder, model)
         share = -(-count // len(model.stages))
         for number, part in enumerate(model.stages.values()):

@@ -18,9 +18,9 @@ import numpy as np
 from click.testing import CliRunner
 
 import hmcvt_core as hmcvt
-from hmcvt_core.cli import cli
 from hmcvt_core.files.bench import write_bench
 from hmcvt_core.physics.effects import library
+from hmcvt_tools.cli.commands import cli
 from studies.blind.campaign import make_campaign
 from studies.units.simulate import simulated
 

@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.page import render, table
 
 from .attacks import ATTACKS, Outcome, attacked, harmful

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hmcvt_core.benches.unit import UnitChange, UnitDiagnosis, diagnose_unit
+from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.diagnosis.results.outcome import NAMING
-from hmcvt_core.files.units import UnitSamples
 
 from .rig import SOUND_COOLER, Mask, Rig
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.errors import InputError
-from hmcvt_core.files.units import UnitSamples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hmcvt_core import read_bench
-from hmcvt_core.cli import main
+from hmcvt_tools.cli import main
 
 from .truth import Recording, random_recording
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from hmcvt_core.cli import run_command
-from hmcvt_core.cli.common import Progress, json_option, print_json
+from hmcvt_tools.cli.commands import run_command
+from hmcvt_tools.cli.common import Progress, json_option, print_json
 
 from .procedure import reproduce
 from .report import write

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from hmcvt_core.report.style import BLUE, ORANGE, styled, to_png, to_svg
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.report.style import BLUE, ORANGE, styled, to_png, to_svg
 
 from .algorithms import COOLER, GA, IMPROVED_SA, NEAR, PSO, SERVED, STANDARD_SA, WITHOUT
 from .comparison import Summary

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 
 from . import (
     algorithms,

@@ -7,7 +7,7 @@ from itertools import groupby
 from pathlib import Path
 
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.report import style
+from hmcvt_tools.report import style
 from studies.page import render, table
 
 from . import comparison, conclusions, paper, surfaces, tables

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core import EfficiencyModel, data_path, load_model
-from hmcvt_core.estimation import EstimateSettings, estimate
-from hmcvt_core.estimation.rows import Rows
+from hmcvt_tools.estimation import EstimateSettings, estimate
+from hmcvt_tools.estimation.rows import Rows
 
 from .bus import EPOCH, Faults, encode, write_trace
 from .drive import Array, Drive, Machine

@@ -28,7 +28,7 @@ _say = partial(print, flush=True)
 def main() -> int:
     """Run it; 0 when every goal is met."""
     parser = argparse.ArgumentParser(prog="python -m studies.soak", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/soak.md"))
+    parser.add_argument("--out", type=Path, default=Path("docs/studies/soak.md"))
     parser.add_argument(
         "--quick",
         action="store_true",

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""docs/soak.md."""
+"""docs/studies/soak.md."""
 
 from collections.abc import Callable, Sequence
 from importlib.metadata import version

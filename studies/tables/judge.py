@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hmcvt_core import read_bench
-from hmcvt_core.cli import main
+from hmcvt_tools.cli import main
 
 from .truth import RandomTable
 

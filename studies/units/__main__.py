@@ -9,7 +9,7 @@ import click
 
 from hmcvt_core.diagnosis.results.outcome import NAMING
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.page import Goal, goal_table, render, table
 
 from .judge import BAND, judged, tried, units_in

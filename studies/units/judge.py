@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from hmcvt_core.benches.unit import DEALS, UnitDiagnosis, diagnose_unit
-from hmcvt_core.files.units import KINDS, UnitSamples, read_unit
+from hmcvt_core.benches.unit.samples import KINDS, UnitSamples
+from hmcvt_tools.tables.unit_table import read_unit
 
 from .simulate import simulated
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hmcvt_core.files.units import UnitSamples
+from hmcvt_core.benches.unit.samples import UnitSamples
 
 Array = NDArray[np.float64]
 _SCATTER, _GAIN = 0.001, 0.0015  # of the meters: ISO 4409 class A allows 0.005

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_core.files.steady import (
+from hmcvt_tools.steady import (
     Channels,
     Steadiness,
     effective_size,

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core import load_model, read_bench
-from hmcvt_core.cli import main
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE2 = str(ROOT / "data" / "table2.csv")
@@ -33,7 +33,7 @@ POINT = (
     "200",
 )
 # A warning on stderr would be a second line beside the message.
-COMMAND = (sys.executable, "-W", "error", "-m", "hmcvt_core.cli")
+COMMAND = (sys.executable, "-W", "error", "-m", "hmcvt_tools.cli")
 # Root may read and write everywhere, unless it does without these rights; others have none of them.
 _PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE, _CAP_DAC_READ_SEARCH = 24, 1, 2
 BOUND_BY_PERMISSIONS = (

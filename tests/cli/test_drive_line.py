@@ -8,8 +8,8 @@ from itertools import product
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.cli.common import torque
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.cli.common import torque
 
 from .running import ENGINE, TRACTOR, assert_refused
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.errors import InputError
-from hmcvt_core.files.tables.rules import meaning_of
-from hmcvt_core.mission.cycle import read_cycle
+from hmcvt_tools.mission.cycle import read_cycle
+from hmcvt_tools.tables.rules import meaning_of
 
 from .running import run
 
@@ -194,7 +195,7 @@ def unit_bench(path, most):
                     f"{displacement},{speed},{pressure},{flow:.3f},{torque:.3f}"
                 )
     path.write_text("\n".join(lines) + "\n")
-    return hmcvt.read_unit(path, kind="pump", displacement="56 cm3")
+    return hmcvt_tools.read_unit(path, kind="pump", displacement="56 cm3")
 
 
 def test_a_displacement_little_above_the_plate(tmp_path):

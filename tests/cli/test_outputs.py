@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from hmcvt_core.cli.outputs import Output, write_outputs
+from hmcvt_tools.cli.outputs import Output, write_outputs
 
 from .running import ROOT
 

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from diagnosis.html_browser import laid_out
 
-from hmcvt_core.report.style import LOSSES
+from hmcvt_tools.report.style import LOSSES
 
 from .running import POINT, ROOT, TABLE2, assert_refused
 

@@ -18,7 +18,8 @@ import pytest
 from click import shell_completion
 
 import hmcvt_core
-from hmcvt_core.cli import COMMANDS, cli, common
+from hmcvt_tools.cli import common
+from hmcvt_tools.cli.commands import COMMANDS, cli
 
 from .running import COMMAND, POINT, ROOT, TABLE2, assert_refused, process, script
 
@@ -40,14 +41,21 @@ def test_bare_command_shows_help(hmcvt):
 
 def test_help_loads_no_command_of_ours_and_names_those_of_ros():
     code = (
-        "import sys; from hmcvt_core.cli import cli\n"
+        "import sys; from hmcvt_tools.cli.commands import cli\n"
         "cli.main(['--help'], standalone_mode=False)\n"
-        "print(*(name for name in sys.modules if name.startswith('hmcvt_core.cli.')))"
+        "print(*(name for name in sys.modules if name.startswith('hmcvt_tools.cli.')))"
     )
     done = script("-c", code, cwd=ROOT)
     assert set(done.stdout.splitlines()[-1].split()) <= {
-        f"hmcvt_core.cli.{name}"
-        for name in ("common", "outputs", "progress", "quantities", "samples")
+        f"hmcvt_tools.cli.{name}"
+        for name in (
+            "commands",
+            "common",
+            "outputs",
+            "progress",
+            "quantities",
+            "samples",
+        )
     }
     assert re.search(
         r"^  import-bag +turn a recorded bag \(rosbag2\) into bench samples$",

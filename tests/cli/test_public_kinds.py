@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as core
-from hmcvt_core.files.units import read_unit
 from hmcvt_core.model.engine import load_engine
+from hmcvt_tools.tables.unit_table import read_unit
 
 RPM = np.pi / 30.0
 HEAD = "stroke [%],n_engine [rpm],load torque [N m],eta [%]"
@@ -602,6 +602,8 @@ def engine_table(head, more=()):
         "rpm [1/min],engine torque [Nm],FC [g/h]",
         "Drehzahl [1/min],Drehmoment [Nm],Verbrauch [g/h]",
         "fc_spd_RPM,fc_trq_Nm,fc_fuel_g_h",
+        "n_e [rpm],T [Nm],fuel used [g/h]",
+        "Measured speed [rpm],mean torque [Nm],fuel rate [g/h]",
     ],
 )
 def test_an_engine_map_under_other_names(tmp_path, head):

@@ -11,7 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import RPM
-from studies.benchmarks.drive_line import brute_force, demands
+from studies.timing.drive_line import brute_force, demands
 
 TRACTOR = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
 ENGINE = hmcvt.load_engine(hmcvt.data_path("params/engine.yaml"))

@@ -67,7 +67,7 @@ def test_objective_21_by_hand(fitted_published, table2):
     assert determination_loss(predicted, measured) == pytest.approx(loss, rel=1e-9)
 
 
-# Lowest weighted squares by least squares from 64 points (docs/benchmarks.md).
+# Lowest weighted squares by least squares from 64 points (docs/studies/timings.md).
 LOWEST = {"five": 3.9710167, "eight": 3.1234263, "simulated": 2.1298878}
 
 
@@ -81,7 +81,8 @@ def campaign(name, table2):
 def test_annealing_arrives_by_itself(table2, name):
     """Within 0.01 %, and least squares finishes it: every seed ends at the same parameters.
 
-    100 of 100 seeds do (docs/theory.md); in one round, or with fewer chains, most do not.
+    100 of 100 seeds do (docs/studies/annealing.md); in one round, or with fewer chains, most do
+    not.
     """
     found = [hmcvt.identify(campaign(name, table2), seed=seed) for seed in range(4)]
     assert max(fit.annealing_objective for fit in found) < 1.0001 * LOWEST[name]

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import t as student
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.identification.refit import refit
@@ -69,7 +70,7 @@ def test_file_keeps_degrees_of_freedom(four, tmp_path):
 
 
 def test_exported_c_states_the_half_width(four, tmp_path):
-    hmcvt.export_c(four.model, tmp_path / "c")
+    hmcvt_tools.export_c(four.model, tmp_path / "c")
     source = (tmp_path / "c" / "hmcvt_model.c").read_text()
     (stated,) = re.findall(r"hmcvt_interval_90 = R\((\S+)\);", source)
     assert float(stated) == half_width(1.0)

@@ -16,7 +16,7 @@ from hmcvt_core.physics.effects.hydraulic import (
 )
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
-from studies.benchmarks.point import SPEEDS, Points, brute_force
+from studies.timing.point import SPEEDS, Points, brute_force
 
 from .strategies import engine_speeds, load_torques, moderate, stages, strokes
 

@@ -8,10 +8,10 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
-from hmcvt_core.files.raw import UNITS, choose_columns, import_table
-from hmcvt_core.files.tables.rules import KINDS, meaning_of
 from hmcvt_core.physics.readings import READINGS
 from hmcvt_core.transmission.quantities import PREDICTED, QUANTITIES, STORED
+from hmcvt_tools.tables.raw import UNITS, choose_columns, import_table
+from hmcvt_tools.tables.rules import KINDS, meaning_of
 
 every_quantity = pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda q: q.name)
 N = 6

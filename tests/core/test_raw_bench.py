@@ -4,10 +4,10 @@
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core import read_raw_bench
-from hmcvt_core.files.raw import UNITS, choose_columns
-from hmcvt_core.files.tables.proposal import propose
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools import read_raw_bench
+from hmcvt_tools.tables.proposal import propose
+from hmcvt_tools.tables.raw import UNITS, choose_columns
 
 SHAFTS = {
     "displacement_ratio": "stroke:%",

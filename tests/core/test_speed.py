@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The speeds of docs/benchmarks.md, held to a quarter of the goals so that a busy machine passes.
+"""The speeds of docs/studies/timings.md, held to a quarter of the goals for a busy machine.
 
 Processor time, and the least of several rounds in which ours and theirs take turns.
 """

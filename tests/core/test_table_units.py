@@ -6,7 +6,7 @@ import re
 import pint
 import pytest
 
-from hmcvt_core.files.tables.units import KIND_UNITS, UNITS, kind_of, to_si
+from hmcvt_tools.tables.units import KIND_UNITS, UNITS, kind_of, to_si
 
 REGISTRY = pint.UnitRegistry()
 BASES = {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.physics.effects.mechanical import Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
 
@@ -48,17 +49,63 @@ def test_leakage_grown_by_half_is_named(worn):
     assert low < 0.5 * BASE.parameters.leakage < high
 
 
+def test_growth_is_stated_in_per_cent_of_the_baseline(worn):
+    growth = worn.baseline.growth(worn)
+    low, high = growth.interval
+    assert growth.word == "leakage" and low < 0.5 < high
+    assert (
+        "leakage +" in worn.report() and "% against the baseline (from" in worn.report()
+    )
+
+
+def _with_interval(diagnosis, low, names):
+    """Return a diagnosis whose leading cause is one of `names`, with a size from `low` on."""
+    cause = diagnosis.causes[0]
+    size = {**cause.parameters["leakage"], "interval": [low, 1e-9]}
+    parameters = {**cause.parameters, "leakage": size}
+    first, *others = diagnosis.sets
+    sets = (replace(first, effects=names), *others)
+    causes = (replace(cause, parameters=parameters), *diagnosis.causes[1:])
+    return replace(diagnosis, sets=sets, causes=causes)
+
+
+def test_an_effect_whose_interval_holds_zero_is_not_named(worn):
+    alone = worn.posterior.best_with("laminar_leakage").names
+    assert alone == ("laminar_leakage",)
+    present = _with_interval(worn, 1e-12, alone)
+    assert without_absent(present) is present
+    absent = without_absent(_with_interval(worn, 0.0, alone))
+    assert all(item.effects != alone for item in absent.sets)
+    assert absent.unlisted == pytest.approx(worn.unlisted + worn.sets[0].probability)
+
+
+def test_a_load_that_the_sound_machine_cannot_carry_is_named(sound):
+    samples = bench(seed=1)
+    load = samples.load_torque.copy()
+    load[3] = 5e3
+    heavy = replace(samples, load_torque=load)
+    answer = hmcvt.diagnose(SERVED, heavy, baseline=sound, noise=NOISE)
+    assert any("1 of 24 samples ask for a load" in note for note in answer.notes)
+    assert answer.verdict == "no_gap"
+
+
+def test_no_gap_stands_above_no_significant_one(sound):
+    """A difference within the errors of a thin baseline is no change, whatever its size."""
+    churned = (Churning(torque=25.0),)
+    few = bench(churned, seed=1000, n=18)
+    answer = hmcvt.diagnose(SERVED, bench(churned, seed=3), baseline=few, noise=NOISE)
+    assert answer.verdict == "no_gap"
+    assert answer.gap.p_value > 0.02 and not answer.gap.significant
+    assert answer.shrinkage.before <= answer.gap.rmse
+
+
 def test_json_and_text_name_the_baseline(worn):
     data = json.loads(json.dumps(worn.to_dict()))
-    assert data["baseline"] == {
-        "source": "simulated",
-        "samples": 48,
-        "control": {
-            "samples": 12,
-            "verdict": "no_gap",
-            "p_value": pytest.approx(0.26, abs=0.01),
-        },
-    }
+    baseline = data["baseline"]
+    assert (baseline["source"], baseline["samples"]) == ("simulated", 48)
+    assert baseline["control"]["verdict"] == "no_gap"
+    assert baseline["control"]["p_value"] == pytest.approx(0.26, abs=0.01)
+    assert baseline["p_value"] <= 0.02 and not baseline["thin"]
     assert "Compared with 48 sound samples" in worn.report()
     assert max(map(len, worn.report().splitlines())) <= 100
 

@@ -14,7 +14,7 @@ from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
 from hmcvt_core.diagnosis.selection.explanation import explain, with_bends
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
-from hmcvt_core.diagnosis.statements.verdict import verdict_of
+from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 
@@ -61,7 +61,7 @@ def test_rare_readings_that_nothing_explains_are_no_gap():
     detection = SimpleNamespace(p_value=0.004)
     assert Analysis(posterior, None, detection, seed=0).significant
     analysis = Analysis(replace(posterior, no_gap=0.93), None, detection, seed=0)
-    verdict, (note,) = verdict_of(analysis, NOTHING_STATED, ())
+    verdict, (note,) = word_of(analysis, NOTHING_STATED, ())
     assert verdict == "no_gap"
     assert "p = 0.004" in note and "93 %" in note
 

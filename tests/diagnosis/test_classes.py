@@ -23,7 +23,7 @@ from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.selection.posterior import Posterior
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
-from hmcvt_core.diagnosis.statements.verdict import verdict_of
+from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import (
     BearingDrag,
@@ -210,7 +210,7 @@ def test_a_class_is_a_cause(classes, verdict):
         leading=leading,
         leading_class_set=class_sets[0],
     )
-    assert verdict_of(analysis, NOTHING_STATED, ()) == (verdict, ())
+    assert word_of(analysis, NOTHING_STATED, ()) == (verdict, ())
 
 
 def test_advice_does_not_choose_tests_between_twins():

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The design page of the diagnosis, against the code that it describes."""
+"""The pages on the design and the settings of the diagnosis, against the code."""
 
 import re
 import sys
@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "design-diagnosis.md"
+SETTINGS = ROOT / "docs" / "settings.md"
 PACKAGE = ROOT / "hmcvt_core" / "diagnosis"
 
 
@@ -22,7 +23,7 @@ def settings_table(monkeypatch):
 
 
 def test_table_of_settings_is_current(settings_table):
-    text = PAGE.read_text(encoding="utf-8")
+    text = SETTINGS.read_text(encoding="utf-8")
     assert settings_table.page(text) == text, "run python docs/settings_table.py"
 
 
@@ -39,9 +40,9 @@ def test_modules_on_the_page_exist():
         assert (PACKAGE / name).is_file(), name
 
 
-def test_terms_of_the_glossary_are_in_the_code():
+def test_terms_of_the_page_are_in_the_code():
     text = PAGE.read_text(encoding="utf-8")
-    glossary = text.split("## Glossary")[1].split("##")[0]
+    glossary = text.split("## Terms in the code")[1].split("##")[0]
     code = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
     rows = re.findall(r"^\| [^|]+ \| ([^|]+) \|", glossary, re.MULTILINE)
     terms = [term for row in rows for term in re.findall(r"`([^`]+)`", row)]

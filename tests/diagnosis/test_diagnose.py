@@ -20,7 +20,7 @@ from hmcvt_core.physics.effects.hydraulic import (
 )
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
-from hmcvt_core.report.answer import VERDICTS
+from hmcvt_tools.report.answer import VERDICTS
 
 from .campaigns import (
     BAND,

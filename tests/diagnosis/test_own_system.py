@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from tests.cli.running import ROOT
 
 SCRIPT = ROOT / "examples" / "own_system.py"
@@ -58,7 +59,7 @@ def test_a_test_that_tells_nothing_is_not_asked_for():
 
 
 def test_page(tmp_path):
-    hmcvt.write_html(diagnosed(), tmp_path / "fan.html")
+    hmcvt_tools.write_html(diagnosed(), tmp_path / "fan.html")
     page = (tmp_path / "fan.html").read_text(encoding="utf-8")
     for text in (
         "bearing drag",
@@ -78,7 +79,7 @@ def test_plot():
 
     axes = Figure().subplots()
     assert diagnosed().plot(axes) is axes.figure
-    assert axes.get_title().startswith("With the effect added")
+    assert axes.get_title().startswith("Model handed over")
 
 
 COLUMNS = {"speed": [100.0, 150.0], "flow": [0.5, 0.6], "efficiency": [0.6, 0.7]}

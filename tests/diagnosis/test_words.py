@@ -7,7 +7,7 @@ import pytest
 
 from hmcvt_core.diagnosis import Region
 from hmcvt_core.diagnosis.results import text as words
-from hmcvt_core.diagnosis.results.outcome import Cause, CauseSet
+from hmcvt_core.diagnosis.results.outcome import LEADING_SET, Cause, CauseSet, Delivered
 
 from .campaigns import diagnosed
 
@@ -139,6 +139,7 @@ def test_verdicts():
         sets=(one,),
         set_is_settled=True,
         lost_power=400.0,
+        delivered=Delivered(0.012, 0.005, LEADING_SET),
         shrinkage=replace(
             band.shrinkage, fraction=0.8, interval=(0.6, 0.9), on="cross-validation"
         ),

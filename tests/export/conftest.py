@@ -4,6 +4,7 @@
 import pytest
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from export.c_library import Library, needs_compiler
 
 FILES = ("hm4", "hydrostatic", "output_coupled", "tractor")
@@ -25,7 +26,7 @@ class Exported:
 
     def __init__(self, name, folder, precision):
         self.model = hmcvt.load_model(hmcvt.data_path(f"params/{name}.yaml"))
-        hmcvt.export_c(self.model, folder, precision)
+        hmcvt_tools.export_c(self.model, folder, precision)
         self.folder = folder
         self.library = Library(folder, self.model, precision)
 

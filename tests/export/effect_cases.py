@@ -7,9 +7,9 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 from hmcvt_core import Effect, size
-from hmcvt_core.export.effect_tables import TABLE_LOAD, TABLE_SPEED
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.mechanical import ChargePump, ClutchDrag
+from hmcvt_tools.export.effect_tables import TABLE_LOAD, TABLE_SPEED
 
 THREE_EFFECTS = (
     ChargePump(torque=4.0),

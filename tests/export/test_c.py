@@ -8,6 +8,7 @@ import pytest
 from core.made_up_stages import edge_points, made_up_model
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from export.c_library import Library, needs_compiler
 from export.conftest import STAGES
 from export.points import bits_differ, random_outputs, random_points
@@ -86,7 +87,7 @@ def test_made_up_stages_and_edges(tmp_path, layout):
     for number in range(6):
         model = made_up_model(rng, layout)
         folder = tmp_path / str(number)
-        hmcvt.export_c(model, folder)
+        hmcvt_tools.export_c(model, folder)
         points = edge_points(rng, 20_000)
         answer, _ = Library(folder, model).predict(0, *points)
         solution = model.solution_at(OperatingPoints(*points))
@@ -145,7 +146,7 @@ def test_single_point_in_python_is_the_same(exported):
 def test_standard_error_holds_the_misfit(tmp_path):
     shipped = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     model = replace(shipped, misfit=0.0123)
-    hmcvt.export_c(model, tmp_path / "c")
+    hmcvt_tools.export_c(model, tmp_path / "c")
     points = random_points(7, 1000)
     error, _ = Library(tmp_path / "c", model).std(0, *points)
     expected = model.predict(*points).standard_error

@@ -11,8 +11,9 @@ import pytest
 from cli.running import HM4, TRACTOR, assert_refused, run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from export.c_library import COMPILER, compile_c, needs_compiler
-from hmcvt_core.export.folder import write_folder
+from hmcvt_tools.export.folder import write_folder
 
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name) is not None]
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -113,7 +114,7 @@ def test_stages_keep_the_order_of_the_file(tmp_path, stages):
 def test_odd_names_of_stages(tmp_path):
     model = hmcvt.load_model(HM4)
     stage = hmcvt.Stage(**{**vars_of(model.stage), "name": 'H"4*/\\ü?'})
-    hmcvt.export_c(hmcvt.EfficiencyModel(stage, model.parameters), tmp_path / "c")
+    hmcvt_tools.export_c(hmcvt.EfficiencyModel(stage, model.parameters), tmp_path / "c")
     assert self_test(tmp_path / "c").returncode == 0
 
 
@@ -150,9 +151,9 @@ def test_published_formulas_are_refused(tmp_path):
         model.stage, model.parameters, formulation="published"
     )
     with pytest.raises(hmcvt.InputError, match="'published' is not exported"):
-        hmcvt.export_c(published, tmp_path / "c")
+        hmcvt_tools.export_c(published, tmp_path / "c")
     with pytest.raises(hmcvt.InputError, match="precision"):
-        hmcvt.export_c(model, tmp_path / "c", "half")
+        hmcvt_tools.export_c(model, tmp_path / "c", "half")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -170,7 +171,7 @@ def test_a_killed_export_leaves_nothing_under_the_name(tmp_path):
     program = """
 import os, signal, sys
 from pathlib import Path
-from hmcvt_core.export.folder import write_folder
+from hmcvt_tools.export.folder import write_folder
 
 class Texts(dict):
     def items(self):

@@ -10,12 +10,13 @@ import pytest
 from cli.running import HM4, assert_refused, run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from export.c_library import Library, compile_c, needs_compiler
 from export.effect_cases import CASES, THREE_EFFECTS, affected_model, points_of_tables
-from hmcvt_core.export.effect_tables import BOUND, TABLE_SPEED
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_tools.export.effect_tables import BOUND, TABLE_SPEED
 
 pytestmark = needs_compiler
 
@@ -26,7 +27,7 @@ POINTS = 30_000
 def case(request, tmp_path_factory):
     model = affected_model(request.param)
     folder = tmp_path_factory.mktemp("effects") / "c"
-    accuracy = hmcvt.export_c(model, folder)
+    accuracy = hmcvt_tools.export_c(model, folder)
     return model, folder, accuracy, Library(folder, model)
 
 
@@ -96,7 +97,7 @@ def test_inputs_beyond_the_tables_are_out_of_range(case):
 
 def test_single_precision(tmp_path):
     model = replace(hmcvt.load_model(HM4), effects=THREE_EFFECTS)
-    hmcvt.export_c(model, tmp_path / "c", "single")
+    hmcvt_tools.export_c(model, tmp_path / "c", "single")
     points = points_of_tables(9, POINTS)
     answer, _ = Library(tmp_path / "c", model, "single").predict(0, *points)
     error = np.abs(answer["efficiency"] - model.efficiency(*points))
@@ -117,18 +118,18 @@ def test_command_prints_the_bound(tmp_path):
 def test_too_small_a_bound_names_one_that_is_attainable(tmp_path):
     model = replace(hmcvt.load_model(HM4), effects=(PortPressureDrop(drop=4.9e6),))
     with pytest.raises(hmcvt.InputError, match="allow a larger bound") as refused:
-        hmcvt.export_c(model, tmp_path / "c", bound=1e-4)
+        hmcvt_tools.export_c(model, tmp_path / "c", bound=1e-4)
     assert list(tmp_path.iterdir()) == []
     message = str(refused.value)
     assert "\n" not in message
     (attainable,) = re.findall(r"([\d.e-]+) is attainable", message)
-    accuracy = hmcvt.export_c(model, tmp_path / "c", bound=float(attainable))
+    accuracy = hmcvt_tools.export_c(model, tmp_path / "c", bound=float(attainable))
     assert accuracy.bound <= float(attainable)
 
 
 def test_errors_of_meters_stay_with_the_bench(tmp_path):
     model = replace(hmcvt.load_model(HM4), effects=(EngineTorqueGain(gain=0.02),))
-    assert hmcvt.export_c(model, tmp_path / "c") is None
+    assert hmcvt_tools.export_c(model, tmp_path / "c") is None
     points = points_of_tables(11, POINTS)
     answer, _ = Library(tmp_path / "c", model).predict(0, *points)
     expected = model.without_meters().efficiency(*points)
@@ -139,7 +140,7 @@ def test_fmu_holds_the_effects(tmp_path):
     fmpy = pytest.importorskip("fmpy")
     model = replace(hmcvt.load_model(HM4), effects=THREE_EFFECTS)
     path = tmp_path / "hm4.fmu"
-    accuracy = hmcvt.export_fmu(model, path)
+    accuracy = hmcvt_tools.export_fmu(model, path)
     assert accuracy is not None
     result = fmpy.simulate_fmu(
         str(path),

@@ -14,9 +14,10 @@ import pytest
 from cli.running import HM4, TRACTOR, assert_refused, run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from export.c_library import WARNINGS, needs_compiler
 from export.points import bits_differ
-from hmcvt_core.export.fmi_variables import fmu_variables
+from hmcvt_tools.export.fmi_variables import fmu_variables
 
 fmpy = pytest.importorskip("fmpy")
 validation = pytest.importorskip("fmpy.validation")
@@ -57,7 +58,7 @@ def fmi(request):
 @pytest.fixture(scope="module")
 def fmu(tractor, fmi, tmp_path_factory):
     path = tmp_path_factory.mktemp("fmu") / f"tractor{fmi}.fmu"
-    hmcvt.export_fmu(tractor, path, fmi)
+    hmcvt_tools.export_fmu(tractor, path, fmi)
     return path
 
 
@@ -290,7 +291,7 @@ def test_no_python_inside_and_sources_compile(fmu, fmi, tmp_path):
 
 
 def test_same_model_gives_the_same_bytes(tmp_path, fmu, fmi, tractor):
-    hmcvt.export_fmu(tractor, tmp_path / "again.fmu", fmi)
+    hmcvt_tools.export_fmu(tractor, tmp_path / "again.fmu", fmi)
     assert (tmp_path / "again.fmu").read_bytes() == fmu.read_bytes()
 
 
@@ -311,7 +312,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, monkeypatch):
     assert_refused(run(*base, tmp_path / "a.fmu", "--stage", "HM9"), "'HM9'")
     model = hmcvt.load_model(HM4)
     with pytest.raises(hmcvt.InputError, match="fmi = 4; there is 2, 3"):
-        hmcvt.export_fmu(model, tmp_path / "a.fmu", 4)
+        hmcvt_tools.export_fmu(model, tmp_path / "a.fmu", 4)
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     assert_refused(run(*base, tmp_path / "a.fmu"), "no C compiler")
@@ -347,7 +348,7 @@ def test_published_formulas_are_refused(tmp_path):
     )
     for fmi in (2, 3):
         with pytest.raises(hmcvt.InputError, match="'published' is not exported"):
-            hmcvt.export_fmu(published, tmp_path / "a.fmu", fmi)
+            hmcvt_tools.export_fmu(published, tmp_path / "a.fmu", fmi)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -361,7 +362,7 @@ WINE = shutil.which("wine64") or shutil.which("wine64", path="/usr/lib/wine")
 def test_windows_library_answers_under_wine(tmp_path, tractor):
     path = tmp_path / "hm4.fmu"
     model = hmcvt.load_model(HM4)
-    hmcvt.export_fmu(model, path, 2)
+    hmcvt_tools.export_fmu(model, path, 2)
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path)
     (library,) = (tmp_path / "binaries" / "win64").iterdir()

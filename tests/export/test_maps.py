@@ -11,6 +11,7 @@ import scipy.io
 from cli.running import HM4, TRACTOR, assert_refused, run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 
@@ -23,8 +24,8 @@ def model():
 @pytest.fixture(scope="module")
 def written(model, tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
-    hmcvt.export_mat(model, folder / "tractor.mat")
-    hmcvt.export_mat(model, folder / "tractor.m")
+    hmcvt_tools.export_mat(model, folder / "tractor.mat")
+    hmcvt_tools.export_mat(model, folder / "tractor.m")
     return folder
 
 
@@ -91,13 +92,13 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path):
         model.stage, model.parameters, formulation="published"
     )
     with pytest.raises(hmcvt.InputError, match="'published' is not exported"):
-        hmcvt.export_mat(published, tmp_path / "b.mat")
+        hmcvt_tools.export_mat(published, tmp_path / "b.mat")
     assert [path.name for path in tmp_path.iterdir()] == ["a.mat"]
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_a2l_names_parameters_and_outputs(tmp_path, model, precision):
-    hmcvt.export_c(model, tmp_path / "c", precision)
+    hmcvt_tools.export_c(model, tmp_path / "c", precision)
     text = (tmp_path / "c" / "hmcvt_model.a2l").read_text()
     begun = re.findall(r"/begin (\w+)", text)
     assert sorted(begun) == sorted(re.findall(r"/end (\w+)", text))

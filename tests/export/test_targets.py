@@ -13,7 +13,7 @@ CORTEX = "arm-none-eabi-gcc"
 CPU = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
 BOUND = 16 * 1024
 ADVISORY = {"2.4", "2.5", "8.7", "8.11"}
-"""Rules of category advisory; docs/export.md says why each is not followed."""
+"""Rules of category advisory; docs/export-reference.md says why each is not followed."""
 
 
 def needs(*tools):

@@ -15,7 +15,7 @@ import yaml
 from cli.running import COMMAND, ROOT, Done
 
 from hmcvt_core import data_path, load_stage
-from hmcvt_core.fleet.run import Settings, study
+from hmcvt_tools.fleet.run import Settings, study
 
 WORK = partial(
     study,

@@ -7,8 +7,8 @@ import shutil
 import pytest
 from cli.running import BOUND_BY_PERMISSIONS, assert_refused, process
 
-from hmcvt_core.fleet.executors import attempt
-from hmcvt_core.fleet.run import locked
+from hmcvt_tools.fleet.executors import attempt
+from hmcvt_tools.fleet.run import locked
 
 
 def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):

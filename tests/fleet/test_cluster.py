@@ -10,9 +10,9 @@ import pytest
 from cli.running import assert_refused
 
 from hmcvt_core import HmcvtError, InputError, read_bench
-from hmcvt_core.fleet import executors
-from hmcvt_core.fleet.executors import on_cluster, study_all
-from hmcvt_core.fleet.run import Study
+from hmcvt_tools.fleet import executors
+from hmcvt_tools.fleet.executors import on_cluster, study_all
+from hmcvt_tools.fleet.run import Study
 
 from .fleets import WORK, results
 

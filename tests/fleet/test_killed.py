@@ -10,8 +10,8 @@ import threading
 import pytest
 
 from hmcvt_core import read_bench
-from hmcvt_core.fleet.executors import Processes, study_all
-from hmcvt_core.fleet.run import Study
+from hmcvt_tools.fleet.executors import Processes, study_all
+from hmcvt_tools.fleet.run import Study
 
 from .fleets import WORK, finish, results, start, wait_for, workers
 

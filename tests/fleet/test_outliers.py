@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from hmcvt_core.cli.fleet import _Counter, _report
-from hmcvt_core.fleet.summary import (
+from hmcvt_tools.cli.fleet import _Counter, _report
+from hmcvt_tools.fleet.summary import (
     LEAST_LOGS,
     THRESHOLD,
     record,

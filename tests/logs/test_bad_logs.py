@@ -6,6 +6,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from studies.road.bus import EPOCH, MAKER, Encoded, Faults, encode, write_trace
 from studies.road.drive import drive, machine_of
 from studies.road.scoring import well_known
@@ -41,7 +42,7 @@ def estimated(folder, messages, suffix="log", **options):
     path = folder / f"drive.{suffix}"
     write_trace(path, messages)
     model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
-    return hmcvt.estimate(path, model, **options)
+    return hmcvt_tools.estimate(path, model, **options)
 
 
 def test_sound(tmp_path, messages):
@@ -112,7 +113,7 @@ def test_cut_off(tmp_path, messages, suffix):
     content = path.read_bytes()
     path.write_bytes(content[: int(0.6 * len(content)) - 25])
     model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
-    result = hmcvt.estimate(path, model)
+    result = hmcvt_tools.estimate(path, model)
     assert 0.0 < result.totals.seconds < 0.8 * whole.totals.seconds
     lines = [note for note in result.notes if note.startswith("file")]
     assert lines and "cut off" in lines[-1] and " s: " in lines[-1]

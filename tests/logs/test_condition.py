@@ -9,11 +9,11 @@ from cli.running import run
 
 import hmcvt_core as hmcvt
 from hmcvt_core.errors import InputError
-from hmcvt_core.estimation import EstimateSettings
-from hmcvt_core.estimation.condition import moves, outside_identified
-from hmcvt_core.estimation.solving import StageSolver
 from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
 from hmcvt_core.transmission.parameters import HydraulicParameters
+from hmcvt_tools.estimation import EstimateSettings
+from hmcvt_tools.estimation.condition import moves, outside_identified
+from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
 OUTPUT = np.linspace(60.0, 200.0, 40)

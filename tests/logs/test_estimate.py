@@ -9,6 +9,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from studies.road.bus import MAKER, Faults, encode, in_order
 from studies.road.drive import drive, machine_of
 from studies.road.scoring import scored, well_known
@@ -110,8 +111,8 @@ def test_error_and_interval(driven, tmp_path, with_unit):
 def test_candump_gives_the_same(recorded):
     model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     dbc = recorded / "maker.dbc"
-    one = hmcvt.estimate(recorded / "drive.blf", model, dbc=dbc).to_dict()
-    other = hmcvt.estimate(recorded / "drive.log", model, dbc=dbc).to_dict()
+    one = hmcvt_tools.estimate(recorded / "drive.blf", model, dbc=dbc).to_dict()
+    other = hmcvt_tools.estimate(recorded / "drive.log", model, dbc=dbc).to_dict()
     assert one["energy"]["output"] == pytest.approx(other["energy"]["output"], rel=1e-6)
 
 
@@ -154,9 +155,9 @@ def test_fuel_where_no_torque_is_known(driven, tmp_path):
     mdf.save(path, overwrite=True)
     mdf.close()
     model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
-    result = hmcvt.estimate(path, model, engine)
+    result = hmcvt_tools.estimate(path, model, engine)
     true = np.nansum(drove.output_power) / 100.0
     assert result.totals.output == pytest.approx(true, rel=0.08)
     assert any("fuel rate" in note for note in result.notes)
     with pytest.raises(hmcvt.InputError, match="needs --engine"):
-        hmcvt.estimate(path, model)
+        hmcvt_tools.estimate(path, model)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hmcvt_core.files.logs.opening import open_log
-from hmcvt_core.files.logs.signals import group_number
+from hmcvt_tools.logs.opening import open_log
+from hmcvt_tools.logs.signals import group_number
 
 # Frames of trucks with the values that other programs read by the Digital Annex: the public pages
 # of pretty_j1939 and of SystemsCyber/CANDataDecoders show them.

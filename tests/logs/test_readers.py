@@ -8,7 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.files.logs.mdf import MdfLog, open_mdf
+from hmcvt_tools.logs.mdf import MdfLog, open_mdf
 
 from . import recordings
 

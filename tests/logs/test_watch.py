@@ -8,7 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.monitoring.bus_watch import Windows, compare
+from hmcvt_tools.estimation.bus_watch import Windows, compare
 from studies.road.scoring import well_known
 
 RESOLUTION = {

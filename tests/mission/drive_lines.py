@@ -6,8 +6,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.mission import Drive, load_vehicle, read_cycle
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.mission import Drive, load_vehicle, read_cycle
 
 DRIVE = Drive(
     hmcvt.load_model(hmcvt.data_path("params/tractor.yaml")),

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from hmcvt_core.mission import Planned, read_cycle
-from hmcvt_core.mission.bound import least_fuel_path
-from hmcvt_core.mission.points import speed_grid, working_points
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.mission import Planned, read_cycle
+from hmcvt_tools.mission.bound import least_fuel_path
+from hmcvt_tools.mission.points import speed_grid, working_points
 from mission.drive_lines import DRIVE, beginning, cycle, limits_hold
 
 STAGES = tuple(DRIVE.model.stages)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from hmcvt_core.mission.controller import Controller
+from hmcvt_tools.mission.controller import Controller
 from mission.drive_lines import DRIVE
 
 CONTROLLER = Controller(DRIVE)

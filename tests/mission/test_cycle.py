@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.mission import CYCLES, Vehicle, load_vehicle, read_cycle
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.mission import CYCLES, Vehicle, load_vehicle, read_cycle
 from mission.drive_lines import DRIVE, cycle, written
 
 

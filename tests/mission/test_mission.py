@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.mission import CYCLES, Drive, Limits, Planned, Vehicle, read_cycle
-from hmcvt_core.mission.knowledge import in_transmission
 from hmcvt_core.transmission.ranges import RPM
+from hmcvt_tools.mission import CYCLES, Drive, Limits, Planned, Vehicle, read_cycle
+from hmcvt_tools.mission.knowledge import in_transmission
 from mission.drive_lines import COARSE, DRIVE, cycle, limits_hold
 
 SPEED_AND_POWER = "output_speed,output_power"

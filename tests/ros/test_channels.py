@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 import hmcvt_core as hmcvt
-from hmcvt_core.cli import main
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_ros import jobs, qos
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.outputs import ADVICE, depends_on_oil
+from hmcvt_tools.cli import main
 
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""docs/node.md against a node that runs: every table, reply and file; and docs/layouts."""
+"""The pages of the node against one that runs: tables, replies and files; and docs/layouts."""
 
 import importlib.util
 import json
@@ -25,7 +25,11 @@ from hmcvt_ros.inputs import INPUT_RANGES
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+PAGE = "\n".join(
+    (ROOT / "docs" / name).read_text(encoding="utf-8")
+    for name in ("node.md", "node-reference.md", "node-trouble.md")
+)
+REFERENCE = (ROOT / "docs" / "node-reference.md").read_text(encoding="utf-8")
 OF_EVERY_NODE = {"/rosout", "/parameter_events"}
 
 
@@ -149,7 +153,7 @@ def test_parameters():
     spec = importlib.util.spec_from_file_location("parameter_table", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert module.page(PAGE) == PAGE, "run: python docs/parameter_table.py"
+    assert module.page(REFERENCE) == REFERENCE, "run: python docs/parameter_table.py"
     for word in re.findall(r"ros2 param set /hmcvt (\S+)", PAGE):
         assert f"| `{word}`" in PAGE
 

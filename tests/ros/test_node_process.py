@@ -17,7 +17,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
 ROOT = Path(hmcvt.__file__).parents[1]
-HMCVT_NODE = [sys.executable, "-m", "hmcvt_core.cli", "node"]
+HMCVT_NODE = [sys.executable, "-m", "hmcvt_tools.cli", "node"]
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_wrong_argument_is_told_and_help_is_printed(place, tmp_path):
 @pytest.mark.parametrize(
     "start",
     [
-        "from hmcvt_core.cli import main; main(['node'])",
+        "from hmcvt_tools.cli import main; main(['node'])",
         "from hmcvt_ros.efficiency_node import main; sys.exit(main(['hmcvt-node']))",
     ],
 )

@@ -407,7 +407,7 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
         [
             sys.executable,
             "-m",
-            "hmcvt_core.cli",
+            "hmcvt_tools.cli",
             "predict",
             "--params",
             path,

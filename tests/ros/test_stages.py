@@ -12,11 +12,11 @@ from std_msgs.msg import String
 
 import hmcvt_core as hmcvt
 from examples.bench_player import bench_sample_to_message
-from hmcvt_core.interface import Controller, Drive, load_vehicle
 from hmcvt_ros import qos
 from hmcvt_ros.bench_log import BenchLog, rows_of
 from hmcvt_ros.inputs import OperatingPoint
 from hmcvt_ros.outputs import ADVICE
+from hmcvt_tools import Controller, Drive, load_vehicle
 
 pytestmark = pytest.mark.slow
 

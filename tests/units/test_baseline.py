@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
+from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.errors import InputError
-from hmcvt_core.files.units import UnitSamples
 
 from .bench import CM3, LEAKAGE, TURN, grid
 

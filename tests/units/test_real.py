@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
-from hmcvt_core.files.units import read_unit
+from hmcvt_tools.tables.unit_table import read_unit
 
 FOLDER = Path(os.environ["HMCVT_REAL_UNITS"])
 
@@ -32,7 +32,7 @@ def test_pump_beyond_the_fitted_pressures():
     assert not answer.diagnosis.warnings
 
 
-# The flow of C7 below 70 % of the pressure has two pressures only (docs/real.md).
+# The flow of C7 below 70 % of the pressure has two pressures only (docs/studies/real.md).
 @pytest.mark.parametrize(("unit", "least_flow"), [("S4D", 0.6), ("C7", 0.0)])
 def test_motor_beyond_the_fitted_pressures(unit, least_flow):
     answer = band("motors_s4d_c7.csv", "motor", unit)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
-from hmcvt_core.files.units import UnitSamples
+from hmcvt_core.benches.unit.samples import UnitSamples
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, grid
 

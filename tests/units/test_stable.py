@@ -6,20 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.sound import fit_sound_unit
 from hmcvt_core.physics.remainder import _matern_slopes, matern
+from studies.stability import differences
 
 from .test_served import pump
 
 
 def _rounded(samples, seed):
-    """Return samples whose losses are changed by 1e-8 relative."""
+    """Return samples whose readings are changed by 1e-8 relative."""
     rng = np.random.default_rng(seed)
-    factors = 1.0 + 1e-8 * rng.standard_normal((2, len(samples)))
+    factors = 1.0 + 1e-8 * rng.standard_normal((4, len(samples)))
     return replace(
         samples,
         flow_loss=samples.flow_loss * factors[0],
         torque_loss=samples.torque_loss * factors[1],
+        speed=samples.speed * factors[2],
+        pressure=samples.pressure * factors[3],
     )
 
 
@@ -39,6 +43,14 @@ def test_last_digits_change_no_prediction(seed):
     scale = np.sqrt(np.mean(predicted[0] ** 2, axis=1, keepdims=True))
     for other in predicted[1:]:
         assert np.abs((other - predicted[0]) / scale).max() < 1e-3
+
+
+@pytest.mark.parametrize(("squeezed", "axis"), [(0.0, "speed"), (1.5, "pressure")])
+def test_last_digits_change_no_figure(squeezed, axis):
+    samples, beyond = pump(7, squeezed, bump=2e-5).divided(axis, 0.7)
+    first = diagnose_unit(samples, beyond, deals=False)
+    second = diagnose_unit(_rounded(samples, 1), beyond, deals=False)
+    assert list(differences(first.to_dict(), second.to_dict())) == []
 
 
 def test_slopes_of_the_kernel_are_its_derivatives():

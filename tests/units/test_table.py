@@ -6,7 +6,7 @@ import pytest
 
 from hmcvt_core import InputError
 from hmcvt_core.benches.unit import diagnose_unit
-from hmcvt_core.files.units import read_unit
+from hmcvt_tools.tables.unit_table import read_unit
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, efficiencies, grid, table
 

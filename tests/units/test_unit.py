@@ -20,7 +20,6 @@ from hmcvt_core.benches.unit import (
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.files import data_path
-from hmcvt_core.files.units import read_unit
 from hmcvt_core.identification.prior import Prior
 from hmcvt_core.model.parameter_file import save_model
 from hmcvt_core.physics.balance import BalanceSolver
@@ -30,6 +29,7 @@ from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump, ConstantTorque
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_tools.tables.unit_table import read_unit
 from studies.units.simulate import simulated
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, efficiencies, grid, table

@@ -9,8 +9,10 @@ from .change import (
     with_sound_uncertainty,
 )
 from .comparison import ChangeDiagnosis, Reference, compare
-from .control import Control, control_and_rest, exceeds_baseline, judge_control
+from .control import Control, control_and_rest, judge_control
+from .growth import Growth
 from .record import Baseline
+from .refusal import leading_effects, refuse_contradicted, without_absent
 
 __all__ = [
     "CLASS_TO_DRIFT",
@@ -18,12 +20,15 @@ __all__ = [
     "Change",
     "ChangeDiagnosis",
     "Control",
+    "Growth",
     "Reference",
     "SoundMachine",
     "compare",
     "control_and_rest",
     "different_curves",
-    "exceeds_baseline",
     "judge_control",
+    "leading_effects",
+    "refuse_contradicted",
     "with_sound_uncertainty",
+    "without_absent",
 ]

@@ -17,6 +17,7 @@ import numpy as np
 from ...diagnosis.fitting.hypothesis import Hypothesis
 from ...diagnosis.fitting.refit import Fit, refit
 from ...diagnosis.observations import Observations
+from ...diagnosis.results.outcome import Cause
 from ...diagnosis.settings import FORM_ALLOWANCE, INVISIBLE_SIGNATURE
 from ...diagnosis.system import (
     Array,
@@ -28,6 +29,7 @@ from ...diagnosis.system import (
     forms_of,
 )
 from ...physics.remainder import LeftOut
+from .growth import Growth
 
 VISIBLE_DIFFERENCE = 9.0
 """Squared deviations by which two curves must differ to be distinguished: three deviations."""
@@ -132,6 +134,9 @@ class SoundMachine(Protocol):
         self, effects: Sequence[Any], samples: Any, meters: Array | None = None
     ) -> Any:
         """Return the machine with its changes, as it is served."""
+
+    def growth_of(self, cause: Cause, samples: Any) -> Growth | None:
+        """Return how much a loss of the sound machine has grown, if a cause is its growth."""
 
     def remarks(self, samples: Any) -> tuple[str, ...]:
         """Return notes on the samples."""

@@ -16,7 +16,7 @@ from .change import (
     different_curves,
     with_sound_uncertainty,
 )
-from .control import Control, exceeds_baseline, judge_control
+from .control import Control, excess_of, judge_control
 from .record import Baseline
 
 
@@ -117,8 +117,9 @@ def compare(
         samples=reference.samples,
         control=reference.control,
         same_curves=same_curves,
+        excess=excess_of(machine, observed, seed),
+        machine=machine,
         untestable=reference.untestable,
-        exceeds=exceeds_baseline(machine, observed, seed),
         notes=reference.notes,
     )
     return diagnosis, baseline

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,12 @@ LEAST_FITTED = 10
 LEAST_SOUND = LEAST_CONTROL + LEAST_FITTED
 """Least samples of a baseline."""
 
+THIN_PART = 0.8
+"""Part of the squared deviation of a reading about the sound prediction that is the baseline's,
+above which the baseline is too thin: its prediction is then known half as well as a reading.
+"""
+NORMAL_MEDIAN = 0.6745
+"""Median of the magnitude of a standard normal variable."""
 DRAWS = 2000
 """Draws of the baseline; they resolve probabilities of a thousandth."""
 
@@ -43,16 +50,28 @@ class Control(NamedTuple):
         samples: number of sound samples left out of the fit.
         verdict: `no_gap`, or `unexplained` where they differ from those that were fitted.
         p_value: probability that no change shows as much.
+        ratio: how many times as large the differences are as the deviations that the fit states,
+            by their medians, of the worst channel.
     """
 
     samples: int
     verdict: str
     p_value: float
+    ratio: float = 1.0
 
     @property
     def alarms(self) -> bool:
         """Whether the control differs from the other sound samples."""
         return self.verdict != "no_gap"
+
+    @property
+    def inflation(self) -> float:
+        """Factor by which a baseline that fails its control is less certain than it states.
+
+        Samples left out of the fit measure its errors, whatever the fit takes for granted (split
+        conformal prediction; Lei et al. 2018, J. Am. Stat. Assoc. 113, 1094).
+        """
+        return max(self.ratio, 1.0) if self.alarms else 1.0
 
 
 def control_and_rest(samples: Any, seed: int) -> tuple[Index, Index]:
@@ -92,13 +111,43 @@ def judge_control(machine: SoundMachine, observed: Observations, seed: int) -> C
     boxes = candidate_regions(base.observed.coordinates)
     p_value = float(significance(base, boxes, seed).p_value)
     verdict = "no_gap"
-    if p_value <= GAP_SIGNIFICANCE and exceeds_baseline(machine, observed, seed):
+    excess = excess_of(machine, observed, seed)
+    if p_value <= GAP_SIGNIFICANCE and excess.is_change:
         verdict = "unexplained"
-    return Control(len(observed), verdict, p_value)
+    return Control(len(observed), verdict, p_value, excess.ratio)
 
 
-def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -> bool:
-    """Return whether readings differ by more than left-out readings of the baseline do.
+@dataclass(frozen=True)
+class Excess:
+    """How far readings differ from a sound machine, against its left-out readings.
+
+    Attributes:
+        p_value: probability that left-out readings of the baseline differ as much, the smallest of
+            the channels.
+        deviation: standard deviation of a reading of the first channel about the sound prediction,
+            root mean square over the readings.
+        sound_part: part of its square that is the uncertainty of the sound prediction.
+        ratio: median of the differences / that of normal ones, of the worst channel.
+    """
+
+    p_value: float
+    deviation: float
+    sound_part: float
+    ratio: float
+
+    @property
+    def is_change(self) -> bool:
+        """Whether the readings differ by more than left-out readings of the baseline do."""
+        return self.p_value <= GAP_SIGNIFICANCE
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether the baseline is too thin to show a change that single readings would show."""
+        return self.sound_part > THIN_PART
+
+
+def excess_of(machine: SoundMachine, observed: Observations, seed: int) -> Excess:
+    """Compare readings with left-out readings of the baseline.
 
     A few readings that stand apart make a difference significant, and any bench has some. The mean
     of log(1 + z^2) over the standardised differences z, which single readings hardly move, is
@@ -111,21 +160,28 @@ def exceeds_baseline(machine: SoundMachine, observed: Observations, seed: int) -
         observed: readings of the changed machine, with the noise that the machine states.
         seed: of the draws.
     """
-    sound, covariance = machine.sound_at(observed.points)
-    covariance = covariance + _shared_covariance(observed)
+    sound, of_sound = machine.sound_at(observed.points)
+    covariance = of_sound + _shared_covariance(observed)
     drift = machine.drift_at(observed.points, observed.deviation)
     of_readings = np.diagonal(drift, axis1=1, axis2=2) + observed.deviation**2
     total = np.diagonal(covariance, axis1=1, axis2=2) + of_readings
-    sizes = np.mean(np.log1p((observed.measured - sound) ** 2 / total), axis=1)
+    differences = np.abs(observed.measured - sound) / np.sqrt(total)
+    sizes = np.mean(np.log1p(differences**2), axis=1)
     rng = np.random.default_rng(seed)
     left_out = machine.left_out_residuals()
+    p_values = []
     for i, size in enumerate(sizes):
         errors = _errors_of_prediction(covariance[i], rng)
         scatter = _runs(left_out[i], len(observed), rng) * np.sqrt(of_readings[i])
         draws = (errors + scatter) ** 2 / total[i]
-        if np.mean(np.mean(np.log1p(draws), axis=1) >= size) <= GAP_SIGNIFICANCE:
-            return True
-    return False
+        p_values.append(np.mean(np.mean(np.log1p(draws), axis=1) >= size))
+    variance = float(np.mean(total[0]))
+    return Excess(
+        p_value=float(min(p_values)),
+        deviation=float(np.sqrt(variance)),
+        sound_part=float(np.mean(np.diagonal(of_sound[0]))) / variance,
+        ratio=float(np.median(differences, axis=1).max()) / NORMAL_MEDIAN,
+    )
 
 
 def _shared_covariance(observed: Observations) -> Array:

@@ -6,18 +6,23 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.fitting.refit import refit
-from ...diagnosis.results.outcome import NAMING, Cause, CauseSet
+from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
 from ...diagnosis.wording import plain
-from .control import Control
+from .change import SoundMachine
+from .control import Control, Excess
+from .growth import Growth
+from .refusal import refuse_contradicted, without_absent
 
+VISIBLE_DEVIATIONS = 2.0
+"""Deviations of a reading about the sound prediction that a change has to make to show."""
 REPORT_WIDTH = 100
 """Width of a report for a person, in columns."""
 
@@ -33,7 +38,8 @@ class Baseline:
         same_curves: effects that are the same curve on these tests, by the name of the effect that
             stands for them, itself first.
         untestable: effects that need an axis along which the tests do not vary.
-        exceeds: whether the samples differ by more than left-out samples of the baseline do.
+        excess: how far the samples differ, against left-out samples of the baseline.
+        machine: the sound machine.
         notes: on the comparison.
     """
 
@@ -41,8 +47,9 @@ class Baseline:
     samples: int
     control: Control
     same_curves: Mapping[str, tuple[Any, ...]]
+    excess: Excess
+    machine: SoundMachine = field(repr=False)
     untestable: tuple[Any, ...] = ()
-    exceeds: bool = True
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -51,6 +58,9 @@ class Baseline:
             "source": self.source,
             "samples": self.samples,
             "control": self.control._asdict(),
+            "p_value": self.excess.p_value,
+            "deviation": self.excess.deviation,
+            "thin": self.excess.is_thin,
         }
 
     def sentence(self) -> str:
@@ -58,11 +68,19 @@ class Baseline:
         outcome = "show no change"
         if self.control.alarms:
             outcome = "differ from the rest"
-        return (
+        sentence = (
             f"Compared with {self.samples} sound samples of {self.source}; "
             f"{self.control.samples} of them, left out as a control, {outcome} "
             f"(p = {self.control.p_value:.2g})."
         )
+        if self.excess.is_thin:
+            channel = self.machine.channels[0]
+            visible = channel.factor * VISIBLE_DEVIATIONS * self.excess.deviation
+            sentence += (
+                f" The baseline is too thin: at these tests a change below {visible:.2g} "
+                f"{channel.unit} does not show; add sound tests there."
+            )
+        return sentence
 
     def line(self) -> str:
         """Return the sentence as a line of a report."""
@@ -82,8 +100,10 @@ class Baseline:
         Args:
             diagnosis: of the change, with one effect of each curve.
         """
-        if diagnosis.verdict in ("unexplained", "excess_scatter") and not self.exceeds:
-            diagnosis = _without_gap(diagnosis)
+        if diagnosis.verdict in NAMING:
+            diagnosis = refuse_contradicted(without_absent(diagnosis))
+        if not self.excess.is_change:
+            diagnosis = _without_gap(diagnosis, self.excess)
         causes = self._expanded_causes(diagnosis)
         sets = self._expanded_sets(diagnosis.sets)
         verdict = diagnosis.verdict
@@ -96,7 +116,9 @@ class Baseline:
             notes.insert(0, self._control_warning())
             if verdict in NAMING:
                 verdict = "unexplained"
+                diagnosis = keeping_base(diagnosis)
         if diagnosis.gap.significant:
+            notes += self._growth_notes(diagnosis)
             notes += self._curve_notes(diagnosis)
         return replace(
             diagnosis,
@@ -132,8 +154,8 @@ class Baseline:
     def _control_warning(self) -> str:
         return (
             f"the control differs from the other samples of {self.source} (p = "
-            f"{self.control.p_value:.2g}): the baseline is not one sound state, so no cause is "
-            "named; diagnose it by itself first"
+            f"{self.control.p_value:.2g}): the baseline is not one sound state, or too thin to "
+            "predict its own samples, so no cause is named; diagnose it by itself first"
         )
 
     # --- effects that are the same curve ----------------------------------------------------
@@ -192,6 +214,20 @@ class Baseline:
                     )
                 )
         return tuple(expanded)
+
+    def growth(self, diagnosis: Diagnosis) -> Growth | None:
+        """Return how much a loss of the sound machine has grown, where the verdict names that.
+
+        Args:
+            diagnosis: of the change.
+        """
+        if diagnosis.named is None:
+            return None
+        return self.machine.growth_of(diagnosis.named, diagnosis.samples)
+
+    def _growth_notes(self, diagnosis: Diagnosis) -> list[str]:
+        growth = self.growth(diagnosis)
+        return [] if growth is None else [growth.in_words(diagnosis)]
 
     def _curve_notes(self, diagnosis: Diagnosis) -> list[str]:
         """Say which effects are one curve, and what would separate them."""
@@ -262,22 +298,51 @@ def _as_member(diagnosis: Diagnosis, cause: Cause, effect: Any) -> Cause:
     )
 
 
-def _without_gap(diagnosis: Diagnosis) -> Diagnosis:
-    """Return a diagnosis whose unlisted difference is no larger than the baseline's."""
-    note = (
-        "a few samples stand apart, by no more than left-out samples of the baseline do: that "
-        "counts as no change"
+def _without_gap(diagnosis: Diagnosis, excess: Excess) -> Diagnosis:
+    """Return a diagnosis whose difference is no larger than that of left-out baseline samples.
+
+    Args:
+        diagnosis: of the change.
+        excess: of the samples; its figures stand for those of the diagnosis.
+    """
+    notes = diagnosis.notes
+    if diagnosis.verdict != "no_gap":
+        note = (
+            "the samples differ by no more than left-out samples of the baseline do: that counts "
+            "as no change"
+        )
+        notes = (note, *notes)
+    gap = replace(
+        diagnosis.gap,
+        significant=False,
+        p_value=excess.p_value,
+        noise=excess.deviation,
     )
+    beyond = np.sqrt(max(gap.rmse**2 - gap.noise**2, 0.0))
     return replace(
         diagnosis,
         verdict="no_gap",
-        gap=replace(diagnosis.gap, significant=False),
+        gap=gap,
         where=(),
         causes=(),
         sets=(),
+        members=(),
+        classes=(),
         unlisted=0.0,
         misfit=0.0,
-        shrinkage=replace(diagnosis.shrinkage, fraction=None, interval=None),
+        scatter=None,
+        lost_power=None,
+        shrinkage=replace(
+            diagnosis.shrinkage,
+            before=float(beyond),
+            after=float(beyond),
+            fraction=None,
+            interval=None,
+        ),
+        delivered=replace(
+            diagnosis.delivered, rmse_after=diagnosis.delivered.rmse_before
+        ),
+        parameters=diagnosis.base_parameters,
         next_tests=(),
-        notes=(note, *diagnosis.notes),
+        notes=notes,
     )

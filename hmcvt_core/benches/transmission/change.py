@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ...diagnosis import Diagnosis, diagnose_system
 from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.wording import plain
@@ -30,6 +32,8 @@ from .system import Transmission
 
 COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
+FEWEST_CHANGED = 5
+"""Fewest samples of the changed transmission, as of any diagnosis."""
 BEYOND_PART = 0.05
 """Part of the range of an axis by which samples may exceed the baseline unsaid."""
 
@@ -72,12 +76,14 @@ def diagnose_change(
     if progress is not None:
         progress("the sound transmission")
     sound = _sound(model, baseline.select(fitted), noise, seed, notes)
-    control_observed = observe_change(sound, baseline.select(left_out), noise)
-    control = judge_control(sound, control_observed, seed)
+    of_control = _answered(sound, baseline.select(left_out), notes)
+    control = judge_control(sound, observe_change(sound, of_control, noise), seed)
+    sound = replace(sound, inflation=control.inflation)
     notes += _extrapolation_notes(sound, samples)
     held_out = None
     if holdout is not None:
-        held_out = observe_change(sound, tables[2], None)
+        held_out = observe_change(sound, _answered(sound, tables[2], notes), None)
+    samples = _answered(sound, samples, notes)
     reference = Reference(sound, len(baseline), control, notes=tuple(notes))
     observed = observe_change(sound, samples, noise)
     diagnosis, record = compare(
@@ -144,7 +150,30 @@ def _sound(
             f"the baseline itself differs from the model: {effects} "
             f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
         )
-    return fit_sound_transmission(of_sound.model, observed)
+    return fit_sound_transmission(of_sound.model, observed, of_sound.parameters)
+
+
+def _answered(
+    sound: SoundTransmission, samples: BenchSamples, notes: list[str]
+) -> BenchSamples:
+    """Return the samples whose load the sound transmission carries; the others are named.
+
+    Raises:
+        InputError: too few remain.
+    """
+    observed = observe(samples, None, list(sound.model.stages))
+    answered = sound.answers(observed.points)
+    if answered.all():
+        return samples
+    first = observed.describe(int(np.flatnonzero(~answered)[0]))
+    lost = (
+        f"{samples.source}: {int(np.sum(~answered))} of {len(samples)} samples "
+        f"{sound.refusal} with the sound transmission (first: {first})"
+    )
+    if answered.sum() < FEWEST_CHANGED:
+        raise InputError(f"{lost}; at least {FEWEST_CHANGED} have to remain")
+    notes.append(f"{lost}; they were left out")
+    return samples.select(np.flatnonzero(answered))
 
 
 def _extrapolation_notes(sound: SoundTransmission, samples: BenchSamples) -> list[str]:

@@ -58,7 +58,7 @@ def with_misfit(
 
 def _gap_after(diagnosis: Diagnosis, cause: Cause) -> float:
     """Return the gap that the model of a cause leaves; on a holdout if the set leads."""
-    if cause.effect in diagnosis.sets[0].effects:
+    if diagnosis.named is not None and cause.effect in diagnosis.sets[0].effects:
         return diagnosis.shrinkage.after
     return cause.gap_after
 

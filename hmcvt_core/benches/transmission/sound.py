@@ -9,13 +9,15 @@ errors of the meters, and by a Gaussian process over the operating point
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...diagnosis.observations import Observations
+from ...diagnosis.results.outcome import Cause, ParameterEstimate
 from ...diagnosis.settings import PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...files.bench import BenchSamples
@@ -24,7 +26,7 @@ from ...model.model import EfficiencyModel
 from ...physics.effects import library
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
-from ..baseline import CLASS_TO_DRIFT
+from ..baseline import CLASS_TO_DRIFT, Growth
 from .base import gauge_errors, scaled_base
 from .channels import (
     DISPLACEMENT_RATIO,
@@ -65,6 +67,8 @@ class SoundTransmission:
         base: scaled base parameters of the model, shape (p,).
         samples: sound samples that were fitted.
         library: changes that are candidates.
+        parameters: base parameters of the model with their standard errors.
+        inflation: factor of all standard deviations, above 1 where the control differs.
     """
 
     model: EfficiencyModel
@@ -74,6 +78,8 @@ class SoundTransmission:
     base: Array
     samples: BenchSamples
     library: tuple[Any, ...]
+    parameters: Mapping[str, ParameterEstimate]
+    inflation: float = 1.0
     _predicted: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     refusal = Transmission.refusal
@@ -100,7 +106,7 @@ class SoundTransmission:
             columns = _padded(slopes[channel.name], count)
             mean, covariance = remainder.predict(_stacked(points), columns)
             means.append(predicted[channel.name] + mean)
-            covariances.append(covariance)
+            covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
 
     def drift_at(self, points: Points, deviation: Array) -> Array:
@@ -153,6 +159,29 @@ class SoundTransmission:
             provenance=provenance,
         )
 
+    def growth_of(self, cause: Cause, samples: BenchSamples) -> Growth | None:
+        """Return how much leakage or damping has grown, if a cause is that."""
+        if cause.effect == LaminarLeakage.name:
+            leakage = self.parameters["leakage"]
+            relative_error = leakage.standard_error / leakage.value
+            size = cause.parameters["leakage"]
+            return Growth.of("leakage", size, leakage.value, relative_error)
+        if cause.effect == ViscousDamping.name:
+            pump = self.parameters["pump_damping"]
+            motor = self.parameters["motor_damping"]
+            # The growth is that of either unit.
+            total = pump.value + motor.value
+            error = float(np.hypot(pump.standard_error, motor.standard_error))
+            size = cause.parameters["damping"]
+            return Growth.of("damping", size, 0.5 * total, error / total)
+        return None
+
+    def answers(self, points: Points) -> NDArray[np.bool_]:
+        """Return whether the sound model carries the load at each point, shape (n,)."""
+        answered = np.isfinite(self._base_prediction(points)).all(axis=0)
+        slopes = _slopes(self.system, self.base, points)
+        return np.asarray(answered & np.isfinite(slopes).all(axis=(0, 2)))
+
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
         """Say what missing columns cost."""
         return self.system.remarks(samples)
@@ -166,7 +195,9 @@ class SoundTransmission:
 
 
 def fit_sound_transmission(
-    model: EfficiencyModel, observed: Observations
+    model: EfficiencyModel,
+    observed: Observations,
+    parameters: Mapping[str, ParameterEstimate],
 ) -> SoundTransmission:
     """Fit what a model leaves of sound samples.
 
@@ -174,6 +205,7 @@ def fit_sound_transmission(
         model: refitted to the sound samples.
         observed: the sound samples with the errors of their meters, in the channels that are
             compared.
+        parameters: base parameters of the model with their standard errors.
     """
     system = Transmission(model, [channel.name for channel in observed.channels])
     base = scaled_base(system.base, model.parameters)
@@ -218,6 +250,7 @@ def fit_sound_transmission(
         base=base,
         samples=observed.samples,
         library=tuple(kind() for kind in kinds),
+        parameters=parameters,
     )
 
 
@@ -236,7 +269,7 @@ def observe_change(
     deviation = observed.deviation.copy()
     for i, remainder in enumerate(sound.remainders):
         ratio = remainder.noise_ratio_at(_stacked(observed.points))
-        deviation[i] = ratio * deviation[i]
+        deviation[i] = sound.inflation * ratio * deviation[i]
     return replace(
         observed,
         channels=sound.channels,

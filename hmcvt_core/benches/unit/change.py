@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis import Diagnosis
-from ...diagnosis.results.outcome import NAMING
 from ...errors import InputError
 from ...files import preformatted
-from ...files.units import TELLING, UnitSamples
 from ..baseline import (
     Baseline,
     Control,
@@ -23,7 +21,7 @@ from ..baseline import (
     judge_control,
 )
 from ..transmission.channels import OIL_TEMPERATURE
-from .refusal import refuse_contradicted
+from .samples import TELLING, UnitSamples
 from .sound import (
     ChangedUnit,
     SoundUnit,
@@ -182,6 +180,7 @@ def diagnose_change(
     left_out, fitted = control_and_rest(baseline, seed)
     sound = fit_sound_unit(baseline.select(fitted), channels, varied_axes(samples))
     control = _control_of(sound, baseline.select(left_out), seed)
+    sound = replace(sound, inflation=control.inflation)
     sound = _with_temperature(sound, samples, seed, notes)
     notes += _extrapolation_notes(sound, samples)
     held_out = None
@@ -196,9 +195,9 @@ def diagnose_change(
         progress=progress,
     )
     model = ChangedUnit(sound, ())
-    of_mechanisms = record.applied_to(refuse_contradicted(diagnosis))
-    if of_mechanisms.verdict in NAMING:
-        model = diagnosis.causes[0].model
+    of_mechanisms = record.applied_to(diagnosis)
+    if of_mechanisms.named is not None:
+        model = of_mechanisms.named.model
     return UnitChange(of_mechanisms, sound, model, record, holdout, seed)
 
 

@@ -15,9 +15,9 @@ from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
-from ...files.units import TELLING, UnitSamples
+from ..baseline import leading_effects, refuse_contradicted
 from .change import UnitChange, diagnose_change
-from .refusal import leading_effects, refuse_contradicted
+from .samples import TELLING, UnitSamples
 from .served import ServedUnit, paper_terms, served_unit
 from .system import (
     FRICTION,

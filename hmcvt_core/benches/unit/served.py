@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from ...diagnosis.fitting.hypothesis import Hypothesis
 from ...diagnosis.fitting.refit import refit
-from ...diagnosis.system import Array
-from ...files.units import UnitSamples
+from ...diagnosis.settings import CONVERGED_STEP
+from ...diagnosis.system import Array, Axis
+from .samples import UnitSamples
 from .sound import ChangedUnit, fit_sound_unit
 from .system import (
     FRICTION,
@@ -56,7 +57,7 @@ LEAST_FITTED = 10
 """Fewest samples from which a band is predicted: two for each term of a loss."""
 SUM_WEIGHT = 1e3
 """Weight of the condition that weights sum to one, against errors of size one."""
-BAND_AXES = (PRESSURE.name, SPEED.name, STROKE.name)
+BAND_AXES = (PRESSURE, SPEED, STROKE)
 INSIDE = "inside"
 """Name of the weights within the tests."""
 WORSE = 1.05
@@ -243,18 +244,23 @@ def served_unit(
         for side in SIDES:
             rows = _band_rows(samples, axis, side)
             if rows is not None:
-                bands.append(_weights(system, samples, effects, axis, side, [rows]))
+                bands.append(
+                    _weights(system, samples, effects, axis.name, side, [rows])
+                )
     models = _fitted(system, samples, effects)
     return ServedUnit(models, tuple(bands), samples)
 
 
-def _band_rows(samples: UnitSamples, axis: str, side: str) -> NDArray[np.intp] | None:
+def _band_rows(samples: UnitSamples, axis: Axis, side: str) -> NDArray[np.intp] | None:
     """Return the samples in the outermost fifth of an axis, or None where it has none."""
-    values = getattr(samples, axis)
+    values = getattr(samples, axis.name)
+    # Tests of one grid value stay together, whatever their last digits.
     if side == HIGH:
-        is_left_out = values >= np.quantile(values, 1.0 - BAND_PART)
+        limit = np.quantile(values, 1.0 - BAND_PART) - axis.tolerance
+        is_left_out = values >= limit
     else:
-        is_left_out = values <= np.quantile(values, BAND_PART)
+        limit = np.quantile(values, BAND_PART) + axis.tolerance
+        is_left_out = values <= limit
     if np.sum(~is_left_out) < LEAST_FITTED:
         return None
     return np.flatnonzero(is_left_out)
@@ -267,7 +273,12 @@ def _fitted(
     channels = [channel.name for channel in system.channels]
     models: dict[str, Predictor] = {"base": paper_terms(system, samples)}
     if effects:
-        fit = refit(Hypothesis(system, tuple(effects)), observe_unit(system, samples))
+        # To the end: errors at samples left out decide between models by a few per cent.
+        fit = refit(
+            Hypothesis(system, tuple(effects)),
+            observe_unit(system, samples),
+            negligible=CONVERGED_STEP,
+        )
         fitted: tuple[Any, ...] = fit.effects
         models["with_effects"] = UnitModel(system, fit.base, fitted)
     models["empirical"] = ChangedUnit(fit_sound_unit(samples, channels, ()), ())

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...diagnosis.observations import Observations
+from ...diagnosis.results.outcome import Cause
 from ...diagnosis.settings import PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, Channel, Points
-from ...files.units import UnitSamples, sign_of
 from ...physics.effects.base import Effect, ShaftState
 from ...physics.effects.hydraulic import (
     Compressibility,
@@ -51,8 +51,9 @@ from ...physics.effects.wear import (
     ViscousDamping,
 )
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
-from ..baseline import CLASS_TO_DRIFT
+from ..baseline import CLASS_TO_DRIFT, Growth
 from ..transmission.channels import OIL_TEMPERATURE
+from .samples import UnitSamples, sign_of
 from .system import (
     METER_GAIN,
     PAPER_DISPLACEMENT,
@@ -155,6 +156,7 @@ class SoundUnit:
         source: of the baseline.
         extrapolates: whether the terms that follow the viscosity are used at oil temperatures
             beyond those of the baseline. Otherwise these count as a change.
+        inflation: factor of all standard deviations, above 1 where the control differs.
     """
 
     samples: UnitSamples
@@ -165,6 +167,7 @@ class SoundUnit:
     untestable: tuple[Any, ...]
     source: str
     extrapolates: bool = False
+    inflation: float = 1.0
 
     refusal = HydrostaticUnit.refusal
     advice = HydrostaticUnit.advice
@@ -189,7 +192,8 @@ class SoundUnit:
             mean, covariance = remainder.predict(_stacked(within), columns)
             unknown = self._unknown_viscosity(channel.name, within)
             means.append(mean)
-            covariances.append(covariance + np.outer(unknown, unknown))
+            covariance = covariance + np.outer(unknown, unknown)
+            covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
 
     def _unknown_viscosity(self, channel: str, points: Points) -> Array:
@@ -321,6 +325,29 @@ class SoundUnit:
         """Return the unit with its changes."""
         return ChangedUnit(self, tuple(effects))
 
+    def growth_of(self, cause: Cause, samples: UnitSamples) -> Growth | None:
+        """Return by how much more flow is lost, if a cause is a leak."""
+        if self.channels[0].name != "flow_loss":
+            return None
+        (effect,) = [
+            item for item in cause.model.effects if item.name == cause.effect
+        ] or [None]
+        if effect is None:
+            return None
+        points = points_of(samples)
+        change = float(np.mean(self.changed_by((effect,), points)[0]))
+        mean, covariance = self.sound_at(points)
+        before = float(np.mean(mean[0]))
+        size = cause.parameters[effect.sizes()[0].name]
+        if min(change, before) <= 0.0 or size["value"] <= 0.0:
+            return None
+        lost = {
+            "value": change,
+            "standard_error": change * size["standard_error"] / size["value"],
+        }
+        error = float(np.sqrt(np.mean(covariance[0])))
+        return Growth.of("flow loss", lost, before, error / before)
+
     def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
         """Say what a missing column costs."""
         notes = []
@@ -435,7 +462,8 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
     for channel, remainder in zip(sound.channels, sound.remainders, strict=True):
         measured.append(getattr(samples, channel.name))
         stated = _reading_deviation(samples, channel.name)
-        deviation.append(remainder.noise_ratio_at(_stacked(points)) * stated)
+        ratio = sound.inflation * remainder.noise_ratio_at(_stacked(points))
+        deviation.append(ratio * stated)
     return Observations(
         axes=tuple(axes),
         points=points,

@@ -23,12 +23,12 @@ import numpy as np
 from ...diagnosis.observations import Observations
 from ...diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
 from ...diagnosis.system import Array, Axis, BaseParameters, Channel, Points
-from ...files.units import METER_DEVIATION, UnitSamples, sign_of
 from ...physics.effects import library
 from ...physics.effects.base import Effect, ShaftState, Value
 from ...physics.effects.hydraulic import CoulombStribeckFull, PressureFrictionStroke
 from ...transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from ..transmission.channels import DISPLACEMENT_RATIO, ENGINE_SPEED, OIL_TEMPERATURE
+from .samples import METER_DEVIATION, UnitSamples, sign_of
 
 STROKE = DISPLACEMENT_RATIO
 SPEED = replace(ENGINE_SPEED, name="speed", word="speed")

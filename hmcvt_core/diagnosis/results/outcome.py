@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ...errors import InputError
 from ..design.advice import Advice, NextTest
 from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import SESSION, Observations
+from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior
 from ..settings import LIKELY, REGION_SIGNIFICANCE
 from ..statements.agreement import NOTHING_STATED, Agreement
@@ -134,23 +135,29 @@ class CauseSet:
     class_probability: float | None = None
 
 
+BASE = "base"
+LEADING_SET = "leading set"
+AVERAGE = "average"
+"""Kinds of models that are handed over."""
+
+
 @dataclass(frozen=True)
 class Delivered:
-    """Errors at samples left out of the fit.
+    """The model that is handed over, and errors at samples left out of the fit.
 
     The errors of the meters that the diagnosis expects are taken off the readings, before and after
     alike.
 
     Attributes:
         rmse_before: of the refitted base model.
-        rmse_after: of the model that is saved.
-        kind: what that is: `base`, `leading set` or `average`.
+        rmse_after: of the model that is handed over.
+        kind: what that is: `base`, `leading set`, or the `average` over all explanations.
         bumps: number of bumps of an empirical remainder in it.
     """
 
     rmse_before: float
     rmse_after: float
-    kind: str = "base"
+    kind: str = BASE
     bumps: int = 0
 
 
@@ -158,14 +165,14 @@ class Delivered:
 class ShrinkageSummary:
     """How far the gap shrinks.
 
-    By cross-validation it is that of the leading set, held in every fold; on a holdout that of its
-    served fit.
+    It is that of the model that is handed over: saved, exported and served.
 
     Attributes:
         before: root of the mean squared error above noise of the base model; 0 where it is below
             the noise, but by cross-validation at least the gap that all explanations expect.
-        after: the same with the effects added.
-        fraction: 1 - G2_after / G2_before, or None where there is no gap before.
+        after: the same of the model handed over.
+        fraction: 1 - G2_after / G2_before, 0 where the base model is handed over, or None where
+            there is no gap before.
         interval: of `fraction`, 95 %, or None.
         on: `cross-validation` or `holdout`.
     """
@@ -175,6 +182,51 @@ class ShrinkageSummary:
     fraction: float | None
     interval: tuple[float, float] | None
     on: str
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """How far the gap shrinks with a model, and its errors at the m samples that show it.
+
+    Attributes:
+        shrinkage: of the model.
+        samples: the system's record of the samples.
+        before: errors of the base model, shape (m,).
+        after: errors of the model, shape (m,).
+        notes: on samples that do not count.
+    """
+
+    shrinkage: ShrinkageSummary
+    samples: Any
+    before: Array
+    after: Array
+    notes: tuple[str, ...] = ()
+
+
+Predict = Callable[[Any], Array]
+"""Predicts the first channel at samples as the system records them."""
+
+
+class Judge(Protocol):
+    """Measures how far the gap of a campaign shrinks with any model.
+
+    Attributes:
+        on: what it measures on, `cross-validation` or `holdout`.
+    """
+
+    on: str
+
+    def measured(self, explanation: Explanation) -> Measurement:
+        """Return how far the gap shrinks with the model of an explanation, and its errors."""
+
+    def measured_model(self, predict: Predict, left_out: Array) -> Measurement:
+        """Return how far the gap shrinks with a model, and its errors.
+
+        Args:
+            predict: the first channel at samples, by the model fitted to the whole campaign.
+            left_out: errors of the model at samples of the campaign left out of the fit, shape
+                (assignments, n).
+        """
 
 
 @dataclass(frozen=True)
@@ -225,7 +277,7 @@ class Outcome:
         causes: effects that may be present, those of the leading set first.
         sets: sets of effects, most probable first.
         classes: effects that no test distinguishes, most probable class first.
-        shrinkage: how far the gap shrinks with the leading set.
+        shrinkage: how far the gap shrinks with the model that is handed over.
         delivered: errors of the models before and after.
         next_tests: tests and measurements that distinguish what is still open.
         advice: what to measure next, or why to stop.
@@ -242,7 +294,7 @@ class Outcome:
         judged: the samples by which the shrinkage is measured, of the holdout or the same, m of
             them.
         residuals_before: residuals of the base model at those, shape (m,).
-        residuals_after: residuals with the leading set added, shape (m,).
+        residuals_after: residuals of the model handed over, shape (m,).
         base_parameters: of the refitted base model, by name.
         parameters: of `model`, by name.
         seed: of every random number.
@@ -254,6 +306,7 @@ class Outcome:
         left_out: samples that stand alone against their neighbours and were left out, in words.
         served: the model that is handed over, saved and served; None for the one with the leading
             set, or the base model where no cause is named.
+        judge: measures how far the gap shrinks with any other model.
     """
 
     gap: Gap
@@ -288,6 +341,7 @@ class Outcome:
     set_is_settled: bool = False
     left_out: tuple[str, ...] = ()
     served: Any = None
+    judge: Judge | None = field(default=None, repr=False)
 
     @property
     def significant_region(self) -> Region | None:
@@ -417,3 +471,22 @@ class Outcome:
         if self.served is not None:
             return self.served
         return self.named.model if self.named else self.base
+
+
+AnyOutcome = TypeVar("AnyOutcome", bound=Outcome)
+
+
+def keeping_base(outcome: AnyOutcome) -> AnyOutcome:
+    """Return an outcome with the refitted base model as the one that is handed over."""
+    if outcome.judge is None or not outcome.gap.significant:
+        return outcome
+    measurement = outcome.judge.measured(outcome.posterior.base_only)
+    before = outcome.delivered.rmse_before
+    return replace(
+        outcome,
+        shrinkage=measurement.shrinkage,
+        residuals_after=measurement.after,
+        delivered=Delivered(before, before),
+        parameters=outcome.base_parameters,
+        served=None,
+    )

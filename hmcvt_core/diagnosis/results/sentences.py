@@ -10,7 +10,7 @@ from ..design.classes import with_probabilities
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
-from .outcome import Outcome, Region
+from .outcome import BASE, Outcome, Region
 
 WIDE_PART = 0.75
 """Part of the range of an axis from which a region is not special along it. Chosen for reading."""
@@ -133,10 +133,10 @@ def verdict(outcome: Outcome) -> str:
             "smoothly: less than a cause would need, and none is named."
         )
     if outcome.verdict == "unexplained" or not outcome.causes:
-        return f"{difference}. No effect in the library explains it by itself."
+        sentence = f"{difference}. No effect in the library explains it by itself."
+        return f"{sentence} {_removed(outcome)}"
     sentences = [f"{difference}; {_explanation(outcome)}.", *_classes(outcome)]
-    if outcome.verdict != "other_form":
-        sentences.append(_removed(outcome))
+    sentences.append(_removed(outcome))
     return " ".join(sentences)
 
 
@@ -267,18 +267,37 @@ def _classes(outcome: Outcome) -> list[str]:
 
 
 def _removed(outcome: Outcome) -> str:
-    """Say how far the gap shrinks with the leading set."""
+    """Say how far the gap shrinks with the model that is handed over."""
     shrinkage = outcome.shrinkage
     if shrinkage.fraction is None:
         return "These samples do not show how far the gap would shrink."
     kind = "held" if shrinkage.on == "holdout" else "left"
-    added = f"On samples {kind} out, with {named(outcome.sets[0].effects)} added,"
+    added = handed_over(outcome)
+    if not added:
+        return (
+            "No model with more in it predicts samples left out better by more than chance: the "
+            "refitted base model is kept."
+        )
+    on_samples = f"On samples {kind} out, with {added} added,"
     if shrinkage.fraction <= 0.0:
-        return f"{added} the gap does not shrink yet."
+        return f"{on_samples} the gap does not shrink yet."
     interval = ""
     if shrinkage.interval is not None:
         interval = f" ({fraction_interval(shrinkage.interval)})"
-    return f"{added} {percent(shrinkage.fraction)} of the squared gap is removed{interval}."
+    return f"{on_samples} {percent(shrinkage.fraction)} of the squared gap is removed{interval}."
+
+
+def handed_over(outcome: Outcome) -> str:
+    """Return what the model that is handed over adds to the base model; empty for nothing."""
+    delivered = outcome.delivered
+    if delivered.kind == BASE:
+        return ""
+    parts = []
+    if outcome.named is not None:
+        parts.append(named(outcome.sets[0].effects))
+    if delivered.bumps:
+        parts.append("an empirical remainder that names no cause")
+    return listed(parts, "and")
 
 
 def fraction_interval(limits: Sequence[float]) -> str:

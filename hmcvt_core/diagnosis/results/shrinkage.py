@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -43,26 +42,7 @@ from ..preparation import describe_samples
 from ..selection.explanation import Explanation
 from ..settings import DRAWS, LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
 from ..system import Array
-from .outcome import ShrinkageSummary
-
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """Errors before and after at the samples by which the shrinkage is measured, m of them.
-
-    Attributes:
-        shrinkage: of the leading set.
-        samples: the system's record of these samples.
-        before: errors of the base model, shape (m,).
-        after: errors with the leading set added, shape (m,).
-        notes: on samples that do not count.
-    """
-
-    shrinkage: ShrinkageSummary
-    samples: Any
-    before: Array
-    after: Array
-    notes: tuple[str, ...] = ()
+from .outcome import Measurement, Predict, ShrinkageSummary
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +59,13 @@ class ExpectedGap:
 
 
 class CrossValidation:
-    """Errors of explanations at samples left out, and how far each shrinks the gap.
+    """Errors of explanations and models at samples left out, and how far each shrinks the gap.
 
     Args:
         analysis: of the campaign.
     """
+
+    on = "cross-validation"
 
     def __init__(self, analysis: Analysis) -> None:
         self.analysis = analysis
@@ -128,17 +110,59 @@ class CrossValidation:
     def shrinkage(self, explanation: Explanation) -> ShrinkageSummary:
         """Return how far the gap shrinks with an explanation held in every fold."""
         if explanation not in self._shrinkage:
-            self._shrinkage[explanation] = shrinkage(
-                self._errors_of_all_folds(self.analysis.posterior.base_only),
+            observed = self.analysis.base.observed
+            self._shrinkage[explanation] = self._summary(
                 self._errors_of_all_folds(explanation),
-                self._believed_noise,
-                "cross-validation",
-                self.analysis.seed,
-                blocks=[*self._blocks, *self._sessions],
-                expected=self._expected(explanation),
-                shares=self._shares,
+                _errors_at(observed, _handed_over(explanation)),
             )
         return self._shrinkage[explanation]
+
+    def measured(self, explanation: Explanation) -> Measurement:
+        """Return how far the gap shrinks with the model of an explanation, and its errors."""
+        return Measurement(
+            self.shrinkage(explanation),
+            self.analysis.base.observed.samples,
+            self.base_errors,
+            self.errors(explanation),
+        )
+
+    def measured_model(self, predict: Predict, left_out: Array) -> Measurement:
+        """Return how far the gap shrinks with any model, and its errors.
+
+        Args:
+            predict: the first channel at samples, by the model fitted to all samples.
+            left_out: errors of the model at samples left out, shape (assignments, n).
+        """
+        samples = self.analysis.base.observed.samples
+        measured = self.analysis.base.observed.measured[0]
+        after = np.sqrt(np.mean(np.square(left_out), axis=0))
+        summary = self._summary(after, measured - predict(samples))
+        return Measurement(summary, samples, self.base_errors, left_out.mean(axis=0))
+
+    def _summary(self, left_out: Array, at_samples: Array) -> ShrinkageSummary:
+        """Return how far the gap shrinks with a model.
+
+        Args:
+            left_out: its errors at samples left out, shape (n,).
+            at_samples: errors at the samples, when it is fitted to all of them, shape (n,).
+        """
+        if not self.analysis.significant:
+            errors = self.base_errors
+            noise = self.analysis.noise
+            seed = self.analysis.seed
+            return shrinkage(errors, errors, noise, self.on, seed, False)
+        base = _errors_at(self.analysis.base.observed, self.analysis.base)
+        after = self._gap_draws - base + at_samples
+        return shrinkage(
+            self._errors_of_all_folds(self.analysis.posterior.base_only),
+            left_out,
+            self._believed_noise,
+            self.on,
+            self.analysis.seed,
+            blocks=[*self._blocks, *self._sessions],
+            expected=ExpectedGap(self._gap_draws, after),
+            shares=self._shares,
+        )
 
     def _errors_of_all_folds(self, explanation: Explanation) -> Array:
         """Return root mean squares of the errors with random folds, blocks and sessions, (n,)."""
@@ -166,13 +190,6 @@ class CrossValidation:
     def _shares(self) -> Array:
         """What each sample counts, shape (n,)."""
         return shares_of_range(self.analysis.base)
-
-    def _expected(self, explanation: Explanation) -> ExpectedGap:
-        """Return draws of the gap before and after an explanation is added."""
-        observed = self.analysis.base.observed
-        base = _errors_at(observed, self.analysis.base)
-        served = _errors_at(observed, explanation.served_fit)
-        return ExpectedGap(self._gap_draws, self._gap_draws - base + served)
 
     @cached_property
     def _gap_draws(self) -> Array:
@@ -235,68 +252,86 @@ def shares_of_range(base: Fit) -> Array:
     return np.asarray((near / repeats)[point.ravel()])
 
 
-def measure_shrinkage(
-    analysis: Analysis, validation: CrossValidation, held_out: Observations | None
-) -> Measurement:
-    """Measure the shrinkage by the leading set, by cross-validation or on a holdout.
+class Holdout:
+    """Errors of models on a holdout, and how far each shrinks the gap.
+
+    Samples that do not state their noise have that of the campaign.
 
     Args:
         analysis: of the campaign.
-        validation: gives the errors at samples left out.
-        held_out: samples of a holdout, or None.
-
-    Raises:
-        InputError: the model has no answer at any sample of the holdout.
+        held_out: samples of the holdout.
     """
-    if held_out is not None:
-        return _on_holdout(analysis, held_out)
-    before = validation.base_errors
-    samples = analysis.base.observed.samples
-    if analysis.has_candidates:
-        leading, _ = analysis.leading
-        summary = validation.shrinkage(leading)
-        return Measurement(summary, samples, before, validation.errors(leading))
-    summary = shrinkage(
-        before, before, analysis.noise, "cross-validation", analysis.seed, False
-    )
-    return Measurement(summary, samples, before, before)
 
+    on = "holdout"
 
-def _on_holdout(analysis: Analysis, held_out: Observations) -> Measurement:
-    """Measure the model that is saved on held-out samples.
+    def __init__(self, analysis: Analysis, held_out: Observations) -> None:
+        self.analysis = analysis
+        self.held_out = held_out
 
-    Samples that do not state their noise have that of the campaign.
-    """
-    fit_before = fit_after = analysis.base
-    if analysis.has_candidates:
-        leading, _ = analysis.leading
-        fit_after = leading.served_fit
-    before = _errors_at(held_out, fit_before)
-    after = _errors_at(held_out, fit_after)
-    answered = np.isfinite(before) & np.isfinite(after)
-    if not answered.any():
-        raise InputError(
-            f"{held_out.samples.source}: the model has no answer at any of the operating "
-            "points held out"
+    def measured(self, explanation: Explanation) -> Measurement:
+        """Return how far the gap shrinks with the model of an explanation, and its errors.
+
+        Raises:
+            InputError: the model has no answer at any sample of the holdout.
+        """
+        return self._measured(_errors_at(self.held_out, _handed_over(explanation)))
+
+    def measured_model(self, predict: Predict, left_out: Array) -> Measurement:
+        """Return how far the gap shrinks with any model, and its errors.
+
+        Args:
+            predict: the first channel at samples, by the model fitted to the campaign.
+            left_out: errors at samples of the campaign left out; the holdout needs none.
+
+        Raises:
+            InputError: as `measured`.
+        """
+        predicted = predict(self.held_out.samples)
+        return self._measured(self.held_out.measured[0] - predicted)
+
+    def _measured(self, after: Array) -> Measurement:
+        held_out = self.held_out
+        before = _errors_at(held_out, self.analysis.base)
+        answered = np.isfinite(before) & np.isfinite(after)
+        if not answered.any():
+            raise InputError(
+                f"{held_out.samples.source}: the model has no answer at any of the operating "
+                "points held out"
+            )
+        counted = held_out.select(np.flatnonzero(answered))
+        noise = counted.deviation[0]
+        if counted.assumed:
+            noise = np.full(len(counted), rms(self.analysis.noise))
+        before = before[answered]
+        after = after[answered]
+        summary = shrinkage(
+            before,
+            after,
+            noise,
+            self.on,
+            self.analysis.seed,
+            self.analysis.significant,
         )
-    notes: tuple[str, ...] = ()
-    refused = np.flatnonzero(~answered)
-    if len(refused):
-        refusal = analysis.base.hypothesis.system.refusal
-        notes = (
+        refused = np.flatnonzero(~answered)
+        return Measurement(
+            summary, counted.samples, before, after, self._notes(refused)
+        )
+
+    def _notes(self, refused: Fold) -> tuple[str, ...]:
+        """Say which samples do not count."""
+        if not len(refused):
+            return ()
+        held_out = self.held_out
+        refusal = self.analysis.base.hypothesis.system.refusal
+        return (
             f"{len(refused)} of {len(held_out)} held-out samples {refusal} and do not "
             f"count: {describe_samples(held_out, refused)}",
         )
-    counted = held_out.select(np.flatnonzero(answered))
-    noise = counted.deviation[0]
-    if counted.assumed:
-        noise = np.full(len(counted), rms(analysis.noise))
-    before = before[answered]
-    after = after[answered]
-    summary = shrinkage(
-        before, after, noise, "holdout", analysis.seed, analysis.significant
-    )
-    return Measurement(summary, counted.samples, before, after, notes)
+
+
+def _handed_over(explanation: Explanation) -> Fit:
+    """Return the fit of the model that is handed over with an explanation."""
+    return explanation.served_fit if explanation.names else explanation.fit
 
 
 def _errors_at(observed: Observations, fit: Fit) -> Array:

@@ -26,9 +26,10 @@ from ..wording import percent as percent
 from ..wording import plain as plain
 from ..wording import probability as probability
 from ..wording import wrapped as wrapped
-from .outcome import Cause, Outcome, Region, SharedErrorEstimate
+from .outcome import BASE, Cause, Outcome, Region, SharedErrorEstimate
 from .sentences import amount as amount
 from .sentences import fraction_interval as fraction_interval
+from .sentences import handed_over as handed_over
 from .sentences import mechanic as mechanic
 from .sentences import region_words as region_words
 from .sentences import verdict as verdict
@@ -96,7 +97,7 @@ def _gap_lines(outcome: Outcome) -> list[str]:
     if outcome.scatter is not None and outcome.verdict != "excess_scatter":
         ratio = f"{outcome.scatter.ratio:.2g} times the stated noise is left"
         lines.append(f"scatter    {ratio}. {outcome.scatter.sentence}")
-    if shrinkage.fraction is not None and outcome.named is not None:
+    if shrinkage.fraction is not None and outcome.delivered.kind != BASE:
         grows = ", where it grows" if shrinkage.fraction < 0.0 else ""
         lines.append(
             f"shrinkage  {before} -> {after} beyond the noise, on {shrinkage.on}{grows}"
@@ -107,18 +108,13 @@ def _gap_lines(outcome: Outcome) -> list[str]:
 def _handed_over_lines(outcome: Outcome) -> list[str]:
     """Return a line on the model that is saved and served, where it is not the base model."""
     delivered = outcome.delivered
-    if outcome.served is None or delivered.kind == "base":
+    added = handed_over(outcome)
+    if not added:
         return []
-    parts = []
-    if outcome.named is not None:
-        parts.append(named(outcome.sets[0].effects))
-    if delivered.bumps:
-        parts.append(f"an empirical remainder of {delivered.bumps} bumps")
     before = amount(outcome, delivered.rmse_before)
     after = amount(outcome, delivered.rmse_after)
     return [
-        f"model      handed over with {listed(parts, 'and')}: {before} -> {after} rms at "
-        "blocks of tests and sessions left out"
+        f"model      handed over with {added}: {before} -> {after} rms at samples left out"
     ]
 
 
@@ -164,7 +160,7 @@ def _stage_lines(outcome: Outcome) -> list[str]:
         size = _residuals(outcome, residuals)
         line = f"{title:<{MARGIN}}{stage}: {len(residuals)} samples, {size}"
         if outcome.verdict != "no_gap":
-            line += f"; with the leading set {_residuals(outcome, after[stage])}"
+            line += f"; with the model handed over {_residuals(outcome, after[stage])}"
         lines.append(line)
     return lines
 

@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,23 +29,50 @@ from ..settings import (
     OTHER_FORM_PART,
 )
 from ..wording import plain
-from .agreement import Agreement
+from .agreement import Agreement, agreement_of
 from .members import Member
+from .scatter import ExcessScatter, excess_scatter
 
-Verdict = tuple[str, tuple[str, ...]]
-"""The word, and notes."""
+
+class Verdict(NamedTuple):
+    """The statements in one word.
+
+    Attributes:
+        word: one of the table above.
+        notes: why no cause, or no more than a set, is named.
+        scatter: that exceeds its statement and is explained by no axis and no cause, or None.
+    """
+
+    word: str
+    notes: tuple[str, ...]
+    scatter: ExcessScatter | None = None
 
 
 def verdict_of(
     analysis: Analysis, agreement: Agreement, members: Sequence[Member]
 ) -> Verdict:
-    """Return the verdict, and notes on why no cause, or no more than a set, is named.
+    """Return the verdict of a campaign.
 
     Args:
         analysis: of the campaign.
         agreement: of the readings with their stated noise.
         members: that may be present, most probable first.
     """
+    word, notes = word_of(analysis, agreement, members)
+    scatter = _scatter_of(analysis, agreement, word)
+    if word == "unexplained" and scatter is not None:
+        return Verdict("excess_scatter", (), scatter)
+    return Verdict(word, notes, scatter)
+
+
+Word = tuple[str, tuple[str, ...]]
+"""The word of a verdict, and its notes."""
+
+
+def word_of(
+    analysis: Analysis, agreement: Agreement, members: Sequence[Member]
+) -> Word:
+    """Return the word and the notes of a verdict; arguments as of `verdict_of`."""
     if not analysis.significant:
         word = "no_gap" if agreement.holds else "excess_scatter"
         return word, _why_no_gap(analysis)
@@ -58,7 +86,7 @@ def verdict_of(
     return _explained(analysis, present), notes
 
 
-def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Verdict:
+def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
     """Return the verdict where listed effects are not all of the gap."""
     posterior = analysis.posterior
     if posterior.misfit > posterior.unlisted / 2.0:
@@ -83,6 +111,32 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Verdict:
         "is another loss"
     )
     return "other_form", (note,)
+
+
+def _scatter_of(
+    analysis: Analysis, agreement: Agreement, word: str
+) -> ExcessScatter | None:
+    """Return the scatter above its statement that is left once a named set is added.
+
+    Where listed effects do not explain the gap, that is None if a loss along the axes is likelier.
+    """
+    if not analysis.significant or word == "excess_scatter":
+        return excess_scatter(analysis.base, agreement)
+    if word == "unexplained":
+        return _scatter_of_gap(analysis, agreement)
+    if word == "other_form":
+        return None
+    leading, _ = analysis.leading
+    return excess_scatter(leading.fit, agreement_of(leading.fit))
+
+
+def _scatter_of_gap(analysis: Analysis, agreement: Agreement) -> ExcessScatter | None:
+    """Return scatter that explains a gap better than a loss along the axes does, or None."""
+    likeliest, _ = analysis.posterior.entries[0]
+    if likeliest.discrepancy is None or likeliest.names:
+        return None
+    scatter = excess_scatter(analysis.base, agreement, likeliest.discrepancy)
+    return scatter if scatter is not None and scatter.is_probable else None
 
 
 def _explained(analysis: Analysis, present: Sequence[Member]) -> str:

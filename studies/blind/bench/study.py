@@ -9,7 +9,7 @@ from typing import Any
 
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.atomic import write_atomically
-from hmcvt_core.fleet.executors import Processes
+from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import FRESH_TESTS, Case, judge
 from studies.blind.bench.properties import PROPERTIES, Bench
 from studies.blind.bench.scores import (

@@ -1,0 +1,261 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""`hmcvt transmission new` and `hmcvt transmission check`."""
+
+import math
+from pathlib import Path
+
+import click
+
+from hmcvt_core.errors import InputError
+from hmcvt_core.files import data_path
+from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.model.parameter_file import load_stages
+from hmcvt_core.transmission.check import STROKES, TransmissionCheck, check_stages
+from hmcvt_core.transmission.new_file import commented_file, stage_from_text
+
+from ..report.pictures import save
+from ..report.power_paths import draw_power_paths
+from . import common
+from .common import Answer
+
+_STAGE_EXAMPLES = """\
+A stage is its name, and what each path goes through as PATH=PAIRS:MEMBER, for example
+  HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring
+  H0 layout=hydrostatic pump=4 motor=-5 output=8
+  V layout=output_coupled row=k1 mechanical=1:carrier pump=4:ring motor=5 output=6:sun
+mechanical: engine to row; pump: engine (output_coupled: row) to pump; motor: motor to row
+(others: output); output: row (hydrostatic: motor) to output. A minus reverses a path."""
+
+_ASSUMED_DISPLACEMENT = 55.0
+"""Of pump and motor [cm3/rev], as for the paper's transmission."""
+_ASSUMED_GEAR_EFFICIENCY = 0.98
+"""Of every gear pair [-]; the best of the paper's Table 3."""
+
+
+@click.group(
+    "transmission",
+    epilog="""\b
+Examples:
+  hmcvt transmission new my_gears.yaml
+  hmcvt transmission check my_transmission.yaml""",
+)
+def group() -> None:
+    """Write a transmission file from gear ratios, and check one."""
+
+
+def _named_number(text: str) -> tuple[str, float]:
+    """Read a name and a number, such as 1=1.439 or 1=1,439."""
+    name, _, value = text.partition("=")
+    try:
+        number = float(value.replace(",", "."))
+    except ValueError:
+        number = math.nan
+    if not name.strip() or not math.isfinite(number):
+        raise click.BadParameter(f"{text!r} is not a name and a ratio: write 1=1.439")
+    return name.strip(), number
+
+
+@common.command(
+    "new",
+    """
+  hmcvt transmission new my_gears.yaml
+  hmcvt transmission new my_gears.yaml --gear-pair 2=0.969 --gear-pair 3=1.484 \\
+      --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 6=0.982 --gear-pair 11=0.823 \\
+      --planetary-row k1=2.56 \\
+      --stage "HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring\"
+  hmcvt transmission new H0.yaml --gear-pair 4=0.678 --gear-pair 5=1.96 --gear-pair 8=2.767 \\
+      --stage "H0 layout=hydrostatic pump=4 motor=-5 output=-8\"""",
+)
+@click.argument("out", metavar="T.yaml", type=common.OutputFile())
+@click.option(
+    "--gear-pair",
+    "gear_pairs",
+    type=_named_number,
+    multiple=True,
+    metavar="NAME=RATIO",
+    help="Driving speed / driven speed of a pair, once for each pair.",
+)
+@click.option(
+    "--planetary-row",
+    "rows",
+    type=_named_number,
+    multiple=True,
+    metavar="NAME=K",
+    help="Teeth of the ring / teeth of the sun, once for each row.",
+)
+@click.option(
+    "--pump-displacement",
+    type=common.number,
+    help=f"In cm3/rev.  [default: {_ASSUMED_DISPLACEMENT:g}, assumed]",
+)
+@click.option(
+    "--motor-displacement",
+    type=common.number,
+    help=f"In cm3/rev.  [default: {_ASSUMED_DISPLACEMENT:g}, assumed]",
+)
+@click.option(
+    "--gear-efficiency",
+    type=common.fraction,
+    help=f"Of every gear pair.  [default: {_ASSUMED_GEAR_EFFICIENCY:g}]",
+)
+@click.option(
+    "--stage",
+    "stages",
+    multiple=True,
+    metavar="TEXT",
+    help="Name and paths of a stage, once for each stage; see the examples. A minus in "
+    "front of the gear pairs reverses a path. Asked for when left out.",
+)
+def new(
+    out: str,
+    gear_pairs: tuple[tuple[str, float], ...],
+    rows: tuple[tuple[str, float], ...],
+    pump_displacement: float | None,
+    motor_displacement: float | None,
+    gear_efficiency: float | None,
+    stages: tuple[str, ...],
+) -> Answer:
+    """Write a commented transmission file from gear ratios, and check it.
+
+    Without --stage all that no option states is asked for.
+    """
+    if Path(out).exists():
+        raise click.UsageError(f"{out}: exists; write another file")
+    if not stages:
+        gear_pairs = gear_pairs or _asked_numbers("Gear pair, such as 1=1.439")
+        rows = rows or _asked_numbers("Planetary row, such as k1=2.56")
+        pump_displacement = _asked(
+            pump_displacement, "Pump displacement [cm3/rev]", _ASSUMED_DISPLACEMENT
+        )
+        motor_displacement = _asked(
+            motor_displacement, "Motor displacement [cm3/rev]", _ASSUMED_DISPLACEMENT
+        )
+        gear_efficiency = _asked(
+            gear_efficiency, "Efficiency of a gear pair", _ASSUMED_GEAR_EFFICIENCY
+        )
+        stages = _asked_stages()
+    notes = []
+    if pump_displacement is None or motor_displacement is None:
+        notes.append(
+            f"note: {_ASSUMED_DISPLACEMENT:g} cm3/rev is assumed for the displacement that "
+            "no option states: the leakage and the pressures scale with it"
+        )
+    text = commented_file(
+        Path(out).stem,
+        dict(gear_pairs),
+        dict(rows),
+        (
+            pump_displacement or _ASSUMED_DISPLACEMENT,
+            motor_displacement or _ASSUMED_DISPLACEMENT,
+        ),
+        [stage_from_text(stage) for stage in stages],
+        _ASSUMED_GEAR_EFFICIENCY if gear_efficiency is None else gear_efficiency,
+    )
+    write_atomically(Path(out), text)
+    try:
+        loaded = load_stages(out)
+    except InputError:
+        Path(out).unlink()
+        raise
+    check = check_stages(loaded)
+    return Answer(check.to_dict(), [_report(check), *notes, f"written to {out}"])
+
+
+def _asked_line(prompt: str) -> str:
+    """Ask for a line, which may be empty."""
+    line: str = click.prompt(prompt, default="", show_default=False, err=True)
+    return line.strip()
+
+
+def _asked(stated: float | None, prompt: str, assumed: float) -> float:
+    """Return what an option states, or ask for a number until one is given."""
+    if stated is not None:
+        return stated
+    while True:
+        line = _asked_line(f"{prompt} (empty for {assumed:g})")
+        if not line:
+            return assumed
+        try:
+            return common.number(line)
+        except click.BadParameter as error:
+            click.echo(error.message, err=True)
+
+
+def _asked_numbers(prompt: str) -> tuple[tuple[str, float], ...]:
+    """Ask for names with numbers; one that cannot be read is asked again."""
+    numbers: list[tuple[str, float]] = []
+    while True:
+        line = _asked_line(f"{prompt} (empty to go on)")
+        if not line:
+            return tuple(numbers)
+        try:
+            numbers.append(_named_number(line))
+        except click.BadParameter as error:
+            click.echo(error.message, err=True)
+
+
+def _asked_stages() -> tuple[str, ...]:
+    """Ask for stages; one that cannot be read is asked again."""
+    click.echo(_STAGE_EXAMPLES, err=True)
+    stages: list[str] = []
+    while True:
+        line = _asked_line("Stage (empty to end)")
+        if not line and stages:
+            return tuple(stages)
+        if not line:
+            continue
+        try:
+            stage_from_text(line)
+        except InputError as error:
+            click.echo(str(error), err=True)
+        else:
+            stages.append(line)
+
+
+@common.command(
+    "check",
+    """
+  hmcvt transmission check params/transmission.yaml
+  hmcvt transmission check my_transmission.yaml --picture paths.svg --json""",
+    common.picture_option,
+)
+@click.argument("transmission", metavar="[T.yaml]", required=False)
+def check(transmission: str | None, picture: str | None) -> Answer:
+    """Check a transmission file: speed ratios, direction, and how the stages meet.
+
+    The picture is a sketch of the power paths. The shipped file is checked when none is given.
+    """
+    common.keep_inputs([transmission], [picture])
+    path = transmission or str(data_path("params/transmission.yaml"))
+    stages = load_stages(path)
+    result = check_stages(stages)
+    lines = [_report(result)]
+    if picture is not None:
+        save(draw_power_paths, picture, stages, result)
+        lines.append(f"picture written to {picture}")
+    return Answer(result.to_dict(), lines)
+
+
+def _report(check: TransmissionCheck) -> str:
+    """Return a check as text."""
+    head = ["stage", "layout"]
+    head += [f"ratio at {stroke:+g}" for stroke in STROKES]
+    head += ["direction", "larger stroke"]
+    rows = []
+    for stage in check.stages:
+        ratios = [f"{ratio:.4f}" for ratio in stage.ratios]
+        effect = "faster" if stage.rising else "slower"
+        rows.append((stage.name, stage.layout, *ratios, stage.direction, effect))
+    lines = [common.table(head, rows)]
+    for meeting in check.overlaps:
+        kind = "overlap" if meeting.overlap >= 0.0 else "gap"
+        lines.append(
+            f"{meeting.lower} to {meeting.upper}: {meeting.lower_end:.4f} to "
+            f"{meeting.upper_end:.4f}, {kind} of {100 * abs(meeting.overlap):.2f} %"
+        )
+    lines += [f"note: {remark}" for remark in check.remarks]
+    return "\n".join(lines)
+
+
+group.add_command(new)
+group.add_command(check)

@@ -1,0 +1,74 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""What is known of the errors of a bus, and how finely a log is evaluated."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from hmcvt_core.errors import InputError
+from hmcvt_core.transmission.ranges import OIL_TEMPERATURE
+
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """Errors of the signals of a bus; each is a standard deviation.
+
+    Attributes:
+        step: least distance of two rows [s]; 0.1 is 10 Hz.
+        torque_bias: of the engine torque that a bus states, a fraction. Engine makers state 2 to
+            5 % at rated speed; the same over the whole log.
+        fuel_bias: of the torque that follows from the fuel rate, a fraction: 3 % for the map of
+            another engine of the type, the density of the fuel and the meter.
+        delay: by which messages may be late against each other [s], uniform from 0.
+        engine_inertia: of all that turns with the engine [kg m2]; a tractor's diesel of 6 to 7 L
+            with flywheel and pump drives has 1 to 3.
+        inertia_error: of `engine_inertia`, a fraction.
+        form_error: of the efficiency [-] where the model states no errors of its parameters;
+            1.12 % is the paper's uncertainty of a test.
+        wear: by which part the leakage may have grown since the identification: it is taken as
+            halfway, with that half as standard deviation; 0 where the machine is as identified.
+        hydraulics_low: least power that pumps at the engine take and the bus does not state [W].
+        hydraulics_high: most of it; the middle is taken off, with half the range as standard
+            deviation.
+        oil_temperature: at which the model was identified [deg C]; None takes what its provenance
+            states.
+
+    Raises:
+        InputError: a value is no finite number, or negative.
+    """
+
+    step: float = 0.1
+    torque_bias: float = 0.02
+    fuel_bias: float = 0.03
+    delay: float = 0.05
+    engine_inertia: float = 2.0
+    inertia_error: float = 0.5
+    form_error: float = 0.0112
+    wear: float = 0.0
+    hydraulics_low: float = 0.0
+    hydraulics_high: float = 0.0
+    oil_temperature: float | None = None
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name == "oil_temperature":
+                if value is not None:
+                    OIL_TEMPERATURE.check(value, "settings")
+                continue
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(
+                    f"{item.name} = {value:g}: a number of at least 0 is needed"
+                )
+        if self.hydraulics_low > self.hydraulics_high:
+            raise InputError(
+                f"hydraulics = {self.hydraulics_low:g} to {self.hydraulics_high:g} W: needs two "
+                "rising numbers"
+            )
+
+    @property
+    def hydraulics(self) -> tuple[float, float]:
+        """Middle and half the range of the power of working hydraulics [W]."""
+        middle = 0.5 * (self.hydraulics_low + self.hydraulics_high)
+        return middle, self.hydraulics_high - middle

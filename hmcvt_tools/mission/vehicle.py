@@ -1,0 +1,149 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""The tractor around the transmission, and what its parts can do in a second."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from hmcvt_core.errors import InputError
+from hmcvt_core.files.plain_yaml import named, read_tree, require_known
+from hmcvt_core.transmission.mapping import quantity
+from hmcvt_core.transmission.ranges import RPM, Range
+
+SCHEMA = "hmcvt-vehicle/1"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the machine can do; no strategy and no bound goes beyond.
+
+    Attributes:
+        engine_speed_low: lowest engine speed [rad/s].
+        engine_speed_high: highest engine speed [rad/s].
+        engine_speed_rate: highest change of the engine speed [rad/s2].
+        displacement_rate: highest change of the displacement ratio [1/s].
+        stage_change_time: time of a stage change, in which the swash plate rests [s].
+        stage_change_loss: energy that a stage change takes from the engine [J].
+        torque_reserve: part of the full-load torque that is kept where the demand leaves it [-].
+    """
+
+    engine_speed_low: float = 800.0 * RPM
+    engine_speed_high: float = 2200.0 * RPM
+    engine_speed_rate: float = 300.0 * RPM
+    displacement_rate: float = 2.0
+    stage_change_time: float = 0.3
+    stage_change_loss: float = 5000.0
+    torque_reserve: float = 0.1
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What lies between output shaft and ground, and between engine and PTO shaft.
+
+    Attributes:
+        mass: of the tractor [kg].
+        tyre_radius: rolling radius [m].
+        final_drive: output shaft speed / wheel speed [-].
+        final_drive_efficiency: of final drive and axles [-].
+        rolling_resistance: force / weight [-].
+        slip: 1 - ground speed / wheel speed [-].
+        pto_efficiency: PTO power / power taken from the engine [-].
+        pto_speed_low: lowest engine speed while the PTO works [rad/s].
+        pto_speed_high: highest engine speed while the PTO works [rad/s].
+        limits: of the machine.
+    """
+
+    mass: float = 7500.0
+    tyre_radius: float = 0.85
+    final_drive: float = 21.0
+    final_drive_efficiency: float = 0.97
+    rolling_resistance: float = 0.06
+    slip: float = 0.08
+    pto_efficiency: float = 0.95
+    pto_speed_low: float = 1850.0 * RPM
+    pto_speed_high: float = 2050.0 * RPM
+    limits: Limits = field(default_factory=Limits)
+
+    def output_speed(self, ground_speed: Any, slip: Any) -> Any:
+        """Return the speed of the output shaft [rad/s] at ground speeds [m/s] and slips [-]."""
+        return ground_speed / (1.0 - slip) / self.tyre_radius * self.final_drive
+
+
+_UNITS = {"r/min": RPM, "r/min/s": RPM}
+"""Units of a vehicle file that are not SI, and their size."""
+
+_VEHICLE_RANGES = (
+    Range("mass", 100.0, 1e5, "kg", "is it in tonnes?"),
+    Range("tyre_radius", 0.1, 3.0, "m"),
+    Range("final_drive", 0.5, 500.0, "-"),
+    Range("final_drive_efficiency", 0.5, 1.0, "-", "a fraction, not percent"),
+    Range("rolling_resistance", 0.0, 0.6, "-", "a fraction of the weight"),
+    Range("slip", 0.0, 0.6, "-", "a fraction, not percent"),
+    Range("pto_efficiency", 0.5, 1.0, "-", "a fraction, not percent"),
+    Range("pto_speed_low", 100.0, 3000.0, "r/min"),
+    Range("pto_speed_high", 100.0, 3000.0, "r/min"),
+)
+_LIMIT_RANGES = (
+    Range("engine_speed_low", 100.0, 3000.0, "r/min"),
+    Range("engine_speed_high", 100.0, 3000.0, "r/min"),
+    Range("engine_speed_rate", 10.0, 1e4, "r/min/s"),
+    Range("displacement_rate", 0.05, 100.0, "1/s"),
+    Range("stage_change_time", 0.0, 10.0, "s"),
+    Range("stage_change_loss", 0.0, 1e6, "J"),
+    Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque"),
+)
+_QUANTITY = {"value": None, "unit": None}
+_KNOWN: dict[str, Any] = {
+    "schema": None,
+    "name": None,
+    "source": None,
+    "limits": {limits.name: _QUANTITY for limits in _LIMIT_RANGES},
+    **{limits.name: _QUANTITY for limits in _VEHICLE_RANGES},
+}
+
+
+def load_vehicle(path: str | os.PathLike[str]) -> Vehicle:
+    """Read a vehicle file (`params/vehicle.yaml`); a key left out has the shipped value.
+
+    Raises:
+        InputError: the file is missing or damaged, a key is not known, a unit is another one, or a
+            value is out of range; file and key are named.
+    """
+    with named(path):
+        data, tree = read_tree(path, SCHEMA)
+        require_known(tree, _KNOWN)
+        section = data.get("limits", {})
+        if not isinstance(section, Mapping):
+            raise InputError(f"limits = {section!r} is not a mapping")
+        limits = Limits(**_values(section, _LIMIT_RANGES, "limits."))
+        vehicle = Vehicle(**_values(data, _VEHICLE_RANGES, ""), limits=limits)
+        _require_order(vehicle.pto_speed_low, vehicle.pto_speed_high, "pto_speed")
+        _require_order(
+            limits.engine_speed_low, limits.engine_speed_high, "limits.engine_speed"
+        )
+    return vehicle
+
+
+def _values(
+    data: Mapping[Any, Any], ranges: tuple[Range, ...], where: str
+) -> dict[str, float]:
+    """Return the stated values of a mapping in SI."""
+    values = {}
+    for limits in ranges:
+        if limits.name not in data:
+            continue
+        value, stated_at = quantity(
+            data[limits.name], limits.unit, f"{where}{limits.name}"
+        )
+        checked = Range(stated_at, limits.low, limits.high, limits.unit, limits.hint)
+        values[limits.name] = float(checked.check(value)) * _UNITS.get(limits.unit, 1.0)
+    return values
+
+
+def _require_order(low: float, high: float, name: str) -> None:
+    if not low < high:
+        raise InputError(
+            f"{name}_low = {low / RPM:g} r/min is not below {name}_high = "
+            f"{high / RPM:g} r/min"
+        )

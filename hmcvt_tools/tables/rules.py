@@ -1,0 +1,747 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Which words, units and sides of the transmission name which quantity.
+
+`WORDS` gives the meaning of each word, in several languages. The registry of quantities
+(`transmission.quantities`) says which meanings make a quantity. Every word of a name counts: a word
+that is not listed is reported, so that the proposal can ask instead of passing over it. To add a
+language, add its words to `WORDS`.
+"""
+
+import re
+from collections.abc import Mapping, Set
+from functools import lru_cache
+from types import MappingProxyType
+from typing import NamedTuple
+
+from hmcvt_core.transmission.quantities import QUANTITIES, Heading
+
+from .units import Unit, plain_text, unit_of, usual_unit
+
+KINDS = (
+    "efficiency",
+    "stroke",
+    "temperature",
+    "pressure",
+    "power",
+    "torque",
+    "speed",
+    "flow",
+    "time",
+    "stage",
+)
+SHAFT_KINDS = ("speed", "torque", "power")
+"""What is measured at a shaft, so that its side must be known."""
+
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "efficiency": "efficiency efficiencies eta eff effic wirkungsgrad rendement "
+        "rendimiento rendimento eficiencia efficienza verim kpd \u6548\u7387 "
+        "\u603b\u6548\u7387 \u043a\u043f\u0434",
+        "stroke": "displacement stroke eps epsilon swash swivel swashplate "
+        "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad aussteuerung "
+        "schluckgrad alpha displ cylindree cilindrada cilindrata carrera corsa course "
+        "\u6392\u91cf\u6bd4 \u6392\u91cf \u659c\u76d8",
+        "temperature": "temp temperature temperatur temperatura temperaturen "
+        "\u6e29\u5ea6 \u6cb9\u6e29",
+        "pressure": "pressure press pres druck dp deltap druckdifferenz differenzdruck "
+        "pression presion pressione pressao hochdruck \u538b\u529b \u538b\u5dee "
+        "\u538b\u5f3a",
+        "power": "power leistung pwr puissance potencia potenza \u529f\u7387",
+        "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
+        "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
+        "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
+        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit spd vel "
+        "\u8f6c\u901f \u89d2\u901f\u5ea6",
+        "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
+        "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
+        "stage": "stage gang fahrbereich stufe fahrstufe gangstufe",
+        "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
+        "\u6d41\u91cf",
+        "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
+        "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
+        "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
+        "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
+        "ausgangswelle sortie salida uscita saida cardan \u8f93\u51fa "
+        "\u8f93\u51fa\u8f74",
+        "load": "load last charge carga carico \u8d1f\u8f7d",
+        "std": "std sigma uncertainty stdev scatter streuung unsicherheit deviation "
+        "standardabweichung",
+        "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
+        "hydrauliktank oeltank \u6cb9",
+        "pump": "pump pumpe pompe pompa bomba \u6cf5 \u53d8\u91cf\u6cf5",
+        "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
+        "alta baja bassa system",
+        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
+        "gavage suralimentation alimentation \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
+        "neutral": "of the at and de du des del di la le les el il der die das am pro "
+        "shaft welle arbre albero eje value values val wert mean average avg mittel "
+        "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
+        "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
+        "gearbox getriebe trans cvt hmcvt angular plate "
+        "position pos angle winkel relative norm normalized relativ relativer "
+        "relativa relativo permille promille "
+        "\u76f8\u5bf9 percent delta d diff "
+        "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
+        "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
+        "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
+        "\u53d8\u901f\u7bb1 bench pruefstand x",
+        "loss": "loss losses verlust verluste perte perdida perdita",
+        "other": "fuel kraftstoff "
+        "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
+        "commanded demand demanded desired requested request limit limits max maximum "
+        "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
+        "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
+        "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
+        "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
+        "volumetrique volumique mecanique volumetrico mecanico mecanica volumetrica meccanico "
+        "\u5bb9\u79ef \u673a\u68b0 "
+        "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
+        "carrier number nr nummer no count start stop end duration dauer operating "
+        "remaining operation betriebsstunden air luft intake manifold charge_air "
+        "predicted prediction simulated simulation sim model modelled nominal nenn rated "
+        "electric electrical elektrisch electrique "
+        "barometric barometer atmospheric atmosphere luftdruck "
+        "torsional weather humidity tyre tire reifen reference ref",
+    }
+)
+"""Words by meaning, without accents; umlauts as two letters."""
+
+COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "motordrehzahl": ("engine", "speed"),
+        "motordrehmoment": ("engine", "torque"),
+        "motormoment": ("engine", "torque"),
+        "motorleistung": ("engine", "power"),
+        "oiltemp": ("oil", "temperature"),
+        "oeltemp": ("oil", "temperature"),
+        "toil": ("oil", "temperature"),
+        "toel": ("oil", "temperature"),
+        "\u6cb9\u6e29": ("oil", "temperature"),
+    }
+)
+"""Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
+_OF_A_PART = frozenset(
+    {
+        *("gear", "gears", "zahnrad", "verzahnung", "planetary", "planet", "mesh"),
+        *("differential", "clutch", "kupplung", "variator", "hst", "hydrostat"),
+        *("brake", "belt", "drive", "axle", "stage", "stufe"),
+    }
+)
+"""Beside an efficiency these words name a part of the transmission, or more than it."""
+_DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
+"""Beside what is measured at a shaft these words name a change of it."""
+_GERMANIC_KINDS = frozenset(
+    {
+        *("drehzahl", "drehmoment", "moment", "leistung"),
+        *("par", "velocidad", "regimen", "potencia"),
+    }
+)
+"""Beside these words `motor` is German or Spanish and means the engine."""
+
+_OIL_PLACES = frozenset(
+    {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
+)
+
+_PORTS = frozenset({"a", "b", "port"})
+"""Beside a pressure these words name one port of the hydrostatic units."""
+_FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
+"""Beginnings of words that beside a pressure or temperature name the feed circuit, not a load."""
+_OF_THE_HYDRAULICS = frozenset(
+    {
+        *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
+        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
+    }
+)
+"""Beside a power or an efficiency these words name the hydraulic path alone."""
+
+SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "n": ("speed",),
+        "N": ("speed",),
+        "w": ("speed",),
+        "M": ("torque",),
+        "m": ("torque",),
+        "T": ("temperature", "torque"),
+        "t": ("time", "temperature", "torque"),
+        "P": ("power", "pressure"),
+        "p": ("pressure", "power"),
+        "Q": ("flow",),
+        "q": ("flow",),
+        "s": ("stroke",),
+    }
+)
+"""Letters that stand for a quantity, the usual one first; a unit or another column decides."""
+_SIDE_LETTERS = frozenset("aeio")
+"""Letters that are a side of the transmission unless a word names it: then they count parts."""
+_WEAK_SYMBOLS = frozenset("mTtPpsw")
+"""Letters that alone, without a unit, do not name a quantity for sure."""
+
+
+RULES: tuple[tuple[str, str, Heading], ...] = (
+    *(
+        (quantity.name, quantity.kind, heading)
+        for quantity in QUANTITIES
+        for heading in quantity.headings
+    ),
+    ("stage", "stage", Heading()),
+)
+"""Quantity, what it measures, and a heading that names it."""
+
+
+def _is_named_by(heading: Heading, means: Set[str], sides: Set[str]) -> bool:
+    """Return whether a name of the same kind with these meanings is a heading of a quantity."""
+    if heading.side and heading.side not in sides:
+        return False
+    if heading.needs and means.isdisjoint(heading.needs):
+        return False
+    return means.isdisjoint(heading.excludes)
+
+
+class Meaning(NamedTuple):
+    """What the name of a column says.
+
+    Attributes:
+        quantity: named by a rule; `any_speed`, `any_torque`, `any_power` where the side is not
+            said; `""` where no rule applies.
+        kind: what is measured, `""` if nothing says so.
+        unit: from the name or the row of units; None without one.
+        unknown: words and brackets that are not understood.
+        problem: why the column cannot be taken without asking; `""` for no problem.
+        weak: whether only a letter of several uses names it.
+        excluded: word that says that the column is none of the quantities; `""` for none.
+    """
+
+    quantity: str = ""
+    kind: str = ""
+    unit: Unit | None = None
+    unknown: tuple[str, ...] = ()
+    problem: str = ""
+    weak: bool = False
+    excluded: str = ""
+
+
+def _dictionary() -> dict[str, tuple[str, ...]]:
+    words: dict[str, tuple[str, ...]] = {}
+    for meaning, listed in WORDS.items():
+        for word in listed.split():
+            words[word] = (*words.get(word, ()), meaning)
+    return words | dict(COMPOUNDS)
+
+
+_MEANINGS = _dictionary()
+_SHORT_PARTS = ("oel", "oil")
+"""Short words that compounds begin with, as in `Oeltemperatur`."""
+
+
+def _compound_parts() -> list[str]:
+    """Return the words of which compounds are made, the longest first."""
+    parts = []
+    for word in _MEANINGS:
+        if len(word) > 3 or not word.isascii() or word in _SHORT_PARTS:
+            parts.append(word)
+    return sorted(parts, key=len, reverse=True)
+
+
+_LONG = _compound_parts()
+_LINKS = ("", "s", "es", "n", "en")
+_BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
+_CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
+"""Number of the channel of a data logger, which does not belong to the name."""
+_MESSAGES = re.compile(r"^(?:[A-Z][A-Z\d]*\d\.)+(?=[A-Za-z])")
+"""Bus and message in front of a signal, as in `CAN1.EEC1.EngineSpeed`."""
+_DEVICE = re.compile(r"(?<=\w)\\[\w .-]+(?::\d+)?$")
+"""Device behind a name, as INCA and asammdf write it: `EngineSpeed\\ETKC:1`."""
+_PARTS = ("%", "\u2030", "ppm")
+"""Units of a part of a whole; of speeds, torques and powers the whole is not stated."""
+_PERCENT = frozenset({"percent", "pct", "prozent", "pourcent", "porciento"})
+_DELIMITED = re.compile(r"(?:\s+in|\s*[,:;|]|\s/)\s+(\S+(?: \S+)?)$")
+_SCALED = re.compile(
+    r"[_ ](?:in |/ )?((?:x ?)?(?:10|100|1000|10\^3)[ x*]+[A-Za-z]\S*)$"
+)
+_SUFFIX = re.compile(
+    r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
+    r"[^_ ]+(?:[_ ]ft)?)$"
+)
+
+
+_MISREAD = "\u00a1-\u00ac\u00ae\u00af\u00b4\u00b6\u00b8\u00bb\u00bf\ufffd"
+"""Signs that stand in a name only where the encoding of the file was not recognised."""
+
+
+@lru_cache(maxsize=4096)
+def _word_meanings(word: str) -> tuple[str, ...]:
+    """Return the meanings of a word, those of its parts where it is composed; () if unknown."""
+    if word in _MEANINGS:
+        return _MEANINGS[word]
+    for part in _LONG:
+        if not word.startswith(part):
+            continue
+        for link in _LINKS:
+            rest = word[len(part) :]
+            if not rest.startswith(link) or rest == link:
+                continue
+            others = (
+                _word_meanings(rest[len(link) :]) if len(rest) > len(link) + 1 else ()
+            )
+            if others:
+                return (*_MEANINGS[part], *others)
+    return ()
+
+
+def _tokens(name: str) -> list[str]:
+    """Return the words of a name in their own case."""
+    text = plain_text(name.replace("+/-", " std "))
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
+    text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
+    text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
+    return re.findall(rf"[^\W_]+|[{_MISREAD}]+", text)
+
+
+class _Parts(NamedTuple):
+    """A header cell taken apart: its words, its unit, and a bracket that is no unit."""
+
+    words: list[str]
+    unit: Unit | None
+    unread: tuple[str, ...] = ()
+
+
+def _take_apart(cell: str) -> _Parts:
+    """Split a cell of the header into words and unit."""
+    cell = _DEVICE.sub("", _MESSAGES.sub("", _CHANNEL.sub(" ", cell)))
+    unit: Unit | None = None
+    unread: list[str] = []
+    inner_words: list[str] = []
+    brackets = list(_BRACKET.finditer(cell))
+    bare = _BRACKET.sub(" ", cell).strip()
+    for number, bracket in enumerate(reversed(brackets)):
+        text = bracket[1].strip()
+        known = usual_unit(text) if text else None
+        tokens = _tokens(text)
+        # A sign that is neither a word nor a known unit may well be a unit.
+        only_words = bool(tokens) or not text
+        only_words &= all(_word_meanings(token.lower()) for token in tokens)
+        if known is None and only_words:
+            inner_words += tokens
+            continue
+        known = known or unit_of(text)
+        if known is not None and (number == 0 or unit is None):
+            unit = known
+        else:
+            unread.append(bracket[0])
+    if unit is not None or brackets:
+        return _Parts([*_tokens(bare), *inner_words], unit, tuple(unread))
+    return _without_suffix(bare)
+
+
+def _without_suffix(name: str) -> _Parts:
+    """Split off a unit that follows the name without brackets, as in `n_engine_rpm`."""
+    scaled = _SCALED.search(name)
+    if scaled is not None:
+        known = unit_of(scaled[1])
+        if known is not None:
+            return _Parts(_tokens(name[: scaled.start()]), known)
+    delimited = _DELIMITED.search(name)
+    if delimited is not None:
+        known = usual_unit(delimited[1])
+        if known is not None:
+            return _Parts(_tokens(name[: delimited.start()]), known)
+    suffix = _SUFFIX.search(name)
+    if suffix is None:
+        return _Parts(_tokens(name), None)
+    known = usual_unit(suffix[1])
+    if known is None or suffix[1].isdigit():
+        return _Parts(_tokens(name), None)
+    before = _tokens(name[: suffix.start()])
+    if _is_unit_suffix(suffix[1], known, before):
+        return _Parts(before, known)
+    return _Parts(_tokens(name), None)
+
+
+_INDICES = ("in", "h", "s", "m")
+"""Endings that are an index of a shaft, or part of a name, before they are a unit."""
+
+
+def _is_unit_suffix(text: str, unit: Unit, before: list[str]) -> bool:
+    """Return whether the last word of a name is a unit of what the words before it name.
+
+    Args:
+        text: last word.
+        unit: that it may be.
+        before: words before it.
+    """
+    kinds = _kinds(before)
+    of_part = unit.kind == "part" and bool(kinds & {"efficiency", "stroke"})
+    only_speed = not kinds and unit.kind == "speed" and len(text) > 2
+    if unit.kind not in kinds and not of_part and not only_speed:
+        return False
+    if unit.kind in ("temperature", "time"):
+        return True
+    letter = len(text) < 2 and text not in _PARTS
+    is_index = text.lower() in _INDICES or (letter and not _named(before))
+    return not is_index
+
+
+def _named(tokens: list[str]) -> bool:
+    """Return whether a name says more than a letter."""
+    return any(len(token) > 1 for token in tokens)
+
+
+def _kinds(tokens: list[str]) -> set[str]:
+    """Return what the words of a name measure; symbols count only where no word does."""
+    kinds = _word_kinds(tokens)
+    if kinds:
+        return kinds
+    for token in tokens:
+        kinds.update(SYMBOLS.get(token, ()))
+    return kinds
+
+
+def _word_kinds(tokens: list[str]) -> set[str]:
+    """Return what the words of a name measure that are no symbols."""
+    kinds: set[str] = set()
+    for token in tokens:
+        if token not in SYMBOLS:
+            kinds.update(_word_meanings(token.lower()))
+    return kinds & set(KINDS)
+
+
+@lru_cache(maxsize=4096)
+def meaning_of(name: str, unit_below: str = "") -> Meaning:
+    """Return what a header cell means.
+
+    Args:
+        name: cell of the header.
+        unit_below: cell of the row of units; it adds to the name and never shortens it.
+    """
+    parts = _take_apart(name)
+    below = None
+    if unit_below:
+        below = unit_of(unit_below)
+    unit = parts.unit or below
+    kind, weak, clash = _kind(parts.words, unit)
+    if clash:
+        return Meaning("", kind, unit, parts.unread, clash)
+    means, strange = _meanings(parts.words, kind)
+    unknown = (*parts.unread, *strange)
+    problem = _unit_clash(parts.unit, below)
+    words = [word.lower() for word in parts.words]
+    # What a heading needs does not speak against its quantity.
+    claimed, needed = _claimed(kind, means)
+    excluding = _excluding(parts.words, kind, means - needed)
+    if excluding:
+        return Meaning("", kind, unit, unknown, problem, excluded=excluding)
+    if kind in SHAFT_KINDS and not _PERCENT.isdisjoint(words) and unit is None:
+        problem = f"it is in percent, of a {kind} that the table does not state"
+        return Meaning("", kind, unit, unknown, problem)
+    if kind == "time" and unknown and "time" not in _kinds(parts.words):
+        # A duration in a name that is not understood, such as the length of a pulse.
+        return Meaning("", kind, unit, unknown, problem)
+    quantity, side_problem = claimed, ""
+    if not claimed:
+        quantity, side_problem = _by_rules(kind, means, words)
+    clash = _kinds_clash(quantity, kind, words)
+    problem = problem or side_problem or clash
+    return Meaning(quantity, kind, unit, unknown, problem, weak)
+
+
+def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
+    """Return the word of a name that says that it is none of the quantities; `""` for none.
+
+    Args:
+        words: of the name.
+        kind: what is measured.
+        means: meanings of the words.
+    """
+    against = {"other"} & means
+    if kind != "torque":
+        against |= {"loss"} & means
+    listed: Set[str] = frozenset()
+    if kind == "efficiency":
+        listed = _OF_A_PART | _OF_THE_HYDRAULICS
+        sides = means & {"engine", "output", "load", "pump"}
+        if len(sides) == 1:  # that of the transmission is from one side to the other
+            against |= sides
+    elif kind in SHAFT_KINDS:
+        listed = _DIFFERENCE
+        against |= means & {"pump", "feed", "oil", "std"}
+        if kind == "power":
+            listed = listed | _OF_THE_HYDRAULICS
+    lowered = [word.lower() for word in words]
+    for word, low in zip(words, lowered, strict=True):
+        if low == "operating" and "point" in lowered:
+            continue
+        if low in listed or against & set(_word_meanings(low)):
+            return word
+        if low == "ratio" and kind not in ("stroke", "efficiency"):
+            return word
+    return ""
+
+
+def _kinds_clash(quantity: str, kind: str, words: list[str]) -> str:
+    """Say that a name measures two things, as in `stroke pressure`; `""` for one.
+
+    Args:
+        quantity: that the rules give.
+        kind: what is measured.
+        words: of the name, in lower case.
+    """
+    if kind not in (*SHAFT_KINDS, "efficiency", "stroke") or not quantity:
+        return ""
+    others = _word_kinds(words) - {kind}
+    if not others:
+        return ""
+    return f"its name says {kind} and {' and '.join(sorted(others))}"
+
+
+def _unit_clash(in_name: Unit | None, below: Unit | None) -> str:
+    """Say how the unit of the name and that of the row of units differ; `""` if they agree."""
+    if in_name is None or below is None:
+        return ""
+    if below == in_name or below.name == "-":
+        return ""
+    return f"the header says {in_name.name}, the row of units {below.name}"
+
+
+def _kind(words: list[str], unit: Unit | None) -> tuple[str, bool, str]:
+    """Return what is measured, whether only a letter says so, and a clash of words and unit."""
+    kinds = _kinds(words)
+    by_letter = bool(kinds) and not _word_kinds(words)
+    if unit is not None and unit.kind not in ("part", "other"):
+        clash = _kind_clash(kinds, by_letter, unit)
+        if not clash:
+            return unit.kind, False, ""
+        named = " or ".join(sorted(kinds))
+        if unit.kind == "speed" and not by_letter:
+            named = ""
+        return named, False, clash
+    if not kinds:
+        return "", False, ""
+    if not by_letter:
+        kind = next(kind for kind in KINDS if kind in kinds)
+        return _checked_part(kind, unit)
+    letter = next(word for word in words if word in SYMBOLS)
+    return SYMBOLS[letter][0], letter in _WEAK_SYMBOLS, ""
+
+
+def _kind_clash(kinds: set[str], by_letter: bool, unit: Unit) -> str:
+    """Say how what a name measures differs from its unit; `""` if it does not."""
+    if not kinds or unit.kind in kinds:
+        return ""
+    if unit.kind == "speed" and not by_letter:
+        return f"the name does not name a speed, its unit is {unit.name}"
+    named = " or ".join(sorted(kinds))
+    return f"the name says {named}, its unit is {unit.name}"
+
+
+def _checked_part(kind: str, unit: Unit | None) -> tuple[str, bool, str]:
+    wrong = unit is not None and (
+        unit.kind == "other"
+        or (unit.name in _PARTS and kind in ("speed", "torque", "power"))
+    )
+    if wrong and unit is not None and kind != "stage":
+        return kind, False, f"its unit is {unit.name}"
+    return kind, False, ""
+
+
+def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
+    """Return the meanings of the words of a name, and the words without one."""
+    means: set[str] = set()
+    strange = []
+    lowered = [word.lower() for word in words]
+    side_by_word = _names_side(lowered)
+    for word, low in zip(words, lowered, strict=True):
+        if word in SYMBOLS and kind in SYMBOLS[word]:
+            continue
+        if side_by_word and low in _SIDE_LETTERS:
+            strange.append(word)
+            continue
+        if low == "motor" and _GERMANIC_KINDS & set(lowered):
+            means.add("engine")
+            continue
+        found = _word_meanings(low)
+        if found:
+            means |= set(found)
+        else:
+            strange.append(word)
+    if strange:
+        # In a name that is not understood, a letter may count machines or phases.
+        means -= _sides_by_letter(lowered)
+    if kind in ("pressure", "temperature") and any(
+        word.startswith(_FEED_STEMS) for word in lowered
+    ):
+        means.add("feed")
+    if kind == "pressure" and not _PORTS.isdisjoint(lowered):
+        means.add("one_side")
+    # A temperature of the gearbox or the hydraulics is that of their oil.
+    if kind == "temperature" and not _OIL_PLACES.isdisjoint(lowered):
+        means.add("oil")
+    return means, strange
+
+
+def _names_side(words: list[str]) -> bool:
+    """Return whether a word longer than a letter names a side of the transmission."""
+    for word in words:
+        sides = {"engine", "output", "load"} & set(_word_meanings(word))
+        if sides and word not in _SIDE_LETTERS:
+            return True
+    return False
+
+
+def _sides_by_letter(words: list[str]) -> set[str]:
+    """Return the sides of the transmission that only single letters of a name say."""
+    by_letter: set[str] = set()
+    by_word: set[str] = set()
+    for word in words:
+        if word in _SIDE_LETTERS:
+            by_letter.update(_word_meanings(word))
+        else:
+            by_word.update(_word_meanings(word))
+    return by_letter - by_word
+
+
+def _claimed(kind: str, means: set[str]) -> tuple[str, set[str]]:
+    """Return the quantity of which a heading needs a meaning, and what it needs; `""` for none."""
+    sides = means & {"engine", "output", "load"}
+    for quantity, measured, heading in RULES:
+        if heading.needs and measured == kind and _is_named_by(heading, means, sides):
+            return quantity, set(heading.needs)
+    return "", set()
+
+
+def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
+    """Return the quantity that the rules give, and what stays open about the side.
+
+    Args:
+        kind: what is measured.
+        means: meanings of the words.
+        words: of the name, in lower case.
+    """
+    sides = means & {"engine", "output", "load"}
+    if kind in SHAFT_KINDS:
+        if sides == {"engine", "output"} and "of the engine" in " ".join(words):
+            sides = {"engine"}
+        if not sides and "loss" not in means:
+            return f"any_{kind}", ""
+        if len(sides) > 1:
+            return f"any_{kind}", "names two sides of the transmission"
+    if kind == "pressure" and "one_side" in means and not _says_difference(words):
+        return "", "it may be the pressure of one side, not high minus low"
+    if kind == "temperature" and not _may_be_of_oil(means, words):
+        return "", ""
+    for quantity, measured, heading in RULES:
+        if measured == kind and _is_named_by(heading, means, sides):
+            return quantity, ""
+    return "", ""
+
+
+def _says_difference(words: list[str]) -> bool:
+    """Return whether a name says that it is a difference, as in `system dp`."""
+    text = " ".join(words).lower()
+    return re.search(r"\b(d|dp|delta\w*|diff\w*)\b", text) is not None
+
+
+def _may_be_of_oil(means: set[str], words: list[str]) -> bool:
+    """Return whether a temperature may be that of the oil of the transmission."""
+    if means & {"output", "load"}:
+        return False
+    several = len([word for word in words if word.isalpha()]) > 1
+    return "oil" in means or not several
+
+
+def names_quantity(cell: str) -> str:
+    """Return the quantity or kind of shaft that a header cell names; `""` for none."""
+    meaning = meaning_of(cell)
+    return meaning.quantity if meaning.quantity else ""
+
+
+def file_says_efficiency(name: str) -> bool:
+    """Return whether the name of a file or sheet says that it holds efficiencies."""
+    words = {word.lower() for word in _tokens(name)}
+    return not words.isdisjoint(_EFFICIENCY_OF_FILES)
+
+
+_EFFICIENCY_OF_FILES = frozenset(
+    {"efficiency", "efficiencies", "eff", "eta", "wirkungsgrad", "\u6548\u7387"}
+)
+_UNIT_BENCH = (
+    ("volumetric_efficiency", "efficiency", "volumetric volumetrisch vol volumetrique"),
+    (
+        "mechanical_efficiency",
+        "efficiency",
+        "mechanical mechanisch mech hydromechanical mecanique hydraulisch",
+    ),
+    ("overall_efficiency", "efficiency", "overall total gesamt \u603b\u6548\u7387"),
+    ("flow_loss", "flow", "loss losses verlust leakage leckage"),
+    ("torque_loss", "torque", "loss losses verlust friction reib"),
+    ("oil_temperature", "temperature", "oil oel \u6cb9\u6e29"),
+)
+"""Quantities of the bench of one pump or motor that a further word tells apart."""
+_UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
+_UNIT_BENCH_WORDS = frozenset(
+    {
+        *("pump", "pumpe", "motor", "unit", "shaft", "delivered", "discharge"),
+        *("effective", "actual", "measured", "differential", "difference", "delta"),
+        *("d", "stroke", "output"),
+    }
+)
+
+
+def unit_bench_meaning(name: str) -> tuple[str, Unit | None]:
+    """Return the quantity that a column of the bench of one unit holds, and its unit.
+
+    Args:
+        name: cell of the header.
+
+    Returns:
+        `""` for a name that is not understood in every word.
+    """
+    parts = _take_apart(name)
+    if parts.unread:
+        return "", parts.unit
+    kind = _unit_bench_kind(parts)
+    if not kind:
+        return "", parts.unit
+    words = {word.lower() for word in parts.words}
+    others = set()
+    for word in words:
+        is_symbol = word in SYMBOLS or word.upper() in SYMBOLS
+        if kind not in _word_meanings(word) and not is_symbol:
+            others.add(word)
+    return _unit_bench_quantity(kind, words, others), parts.unit
+
+
+def _unit_bench_kind(parts: _Parts) -> str:
+    """Return what a column of the bench of one unit measures; `""` if that is not sure."""
+    if parts.unit is not None and parts.unit.kind in ("displacement", "flow"):
+        return parts.unit.kind
+    kind, weak, clash = _kind(parts.words, parts.unit)
+    if weak or clash:
+        return ""
+    if kind == "stroke":
+        return "displacement_ratio"
+    return kind
+
+
+def _unit_bench_quantity(kind: str, words: set[str], others: set[str]) -> str:
+    """Return the quantity of a kind that the words name; `""` if one is not understood.
+
+    Args:
+        kind: what is measured.
+        words: of the name, in lower case.
+        others: those of them that do not name the kind.
+    """
+    for quantity, of_kind, listed in _UNIT_BENCH:
+        if kind != of_kind:
+            continue
+        starts = tuple(listed.split())
+        further = {word for word in words if word.startswith(starts)}
+        if further and others <= further | _UNIT_BENCH_WORDS:
+            return quantity
+    for word in others - _UNIT_BENCH_WORDS:
+        if "stroke" not in _word_meanings(word):
+            return ""
+    if kind == "temperature":
+        return "oil_temperature"
+    if kind in (*_UNIT_BENCH_PLAIN, "displacement", "displacement_ratio"):
+        return kind
+    return ""

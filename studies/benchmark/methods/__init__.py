@@ -1,0 +1,12 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""Methods of the benchmark by name; each is a module with `answer(case)`."""
+
+METHODS = {
+    "hmcvt": "hmcvt_diagnosis",
+    "forward BIC": "forward_bic",
+    "LASSO": "lasso",
+    "Gaussian process": "gaussian_process",
+    "boosting": "boosting",
+    "Kennedy-O'Hagan": "kennedy_ohagan",
+}
+"""Module of each method."""

@@ -1,0 +1,141 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
+"""An empty environment: the core with its three libraries, and the README line by line.
+
+Needs an index of packages; `make test-long` runs it.
+"""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+from cli.running import ROOT
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+CORE = {"hmcvt_ros", "numpy", "pyyaml", "scipy"}
+
+
+def readme_steps():
+    """Return what the README installs first, and its Python and commands after that.
+
+    The node does not end; tests/ros/test_node_process.py runs it.
+    """
+    _, line, rest = re.split(
+        r'^    (pip install "?\..*)$', README, maxsplit=1, flags=re.MULTILINE
+    )
+    python = re.findall(r"```python\n(.*?)```", rest, re.DOTALL)
+    lines = re.findall(r"^    (hmcvt .*)$", rest, re.MULTILINE)
+    commands = [shlex.split(line, comments=True) for line in lines]
+    return (
+        shlex.split(line, comments=True)[2],
+        python,
+        [words for words in commands if words[:2] != ["hmcvt", "node"]],
+    )
+
+
+class Environment:
+    """An empty virtual environment, a copy of the checkout, and a folder to work in.
+
+    Args:
+        folder: for all three.
+    """
+
+    def __init__(self, folder):
+        self.source = folder / "source"
+        ignored = shutil.ignore_patterns(
+            ".*", "__pycache__", "build", "dist", "site", "reproduction", "*.egg-info"
+        )
+        shutil.copytree(ROOT, self.source, ignore=ignored)
+        # The installed package, not the checkout, is imported there.
+        self.work = folder / "work"
+        for name in ("data", "params"):
+            shutil.copytree(ROOT / name, self.work / name)
+        self.bin = folder / "venv" / "bin"
+        subprocess.run(
+            [sys.executable, "-m", "venv", "--without-pip", folder / "venv"], check=True
+        )
+
+    def pip(self, *arguments):
+        """Run pip of this Python on the environment, in the copy of the checkout."""
+        command = [sys.executable, "-m", "pip", "--python", self.bin / "python"]
+        return self.run(
+            *command, "--disable-pip-version-check", *arguments, folder=self.source
+        )
+
+    def run(self, *command, folder=None):
+        """Run a program with nothing but the environment on its path."""
+        done = subprocess.run(
+            command,
+            cwd=folder or self.work,
+            env={"PATH": f"{self.bin}:/usr/bin:/bin", "HOME": str(self.work)},
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    def install(self, what):
+        """Install the copy, not editable, with the locked versions."""
+        code, _, errors = self.pip(
+            "install", "--quiet", "--constraint", "constraints.txt", what
+        )
+        assert code == 0, errors
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    made = Environment(tmp_path_factory.mktemp("clean"))
+    made.install(".")
+    return made
+
+
+@pytest.fixture(scope="module")
+def with_readme_extras(environment):
+    """The environment after the install line of the README; comes after the tests of the core."""
+    environment.install(readme_steps()[0])
+    return environment
+
+
+def test_the_core_brings_three_libraries(environment):
+    code, listed, errors = environment.pip("list", "--format", "json")
+    assert code == 0, errors
+    names = {entry["name"].lower().replace("-", "_") for entry in json.loads(listed)}
+    assert names == CORE
+
+
+def test_the_core_identifies_and_diagnoses(environment):
+    program = """
+import hmcvt_core as hmcvt
+samples = hmcvt.read_bench(hmcvt.data_path("data/table2.csv"))
+fit = hmcvt.identify(samples)
+print(hmcvt.__file__, hmcvt.diagnose(fit.model, samples).verdict)
+"""
+    code, printed, errors = environment.run(
+        environment.bin / "python", "-W", "error", "-c", program
+    )
+    assert (code, errors) == (0, "")
+    assert "site-packages" in printed
+
+
+def test_the_command_says_what_to_install(environment):
+    code, printed, errors = environment.run(environment.bin / "hmcvt", "--help")
+    assert (code, printed) == (2, "")
+    assert errors.count("\n") == 1 and 'pip install ".[tools]"' in errors
+
+
+def test_every_line_of_the_readme_after_its_install_line(with_readme_extras):
+    _, python, commands = readme_steps()
+    assert len(python) == 1 and len(commands) >= 5
+    bin_folder = with_readme_extras.bin
+    done = with_readme_extras.run(bin_folder / "python", "-W", "error", "-c", python[0])
+    assert done[0] == 0, done
+    for command in commands:
+        done = with_readme_extras.run(bin_folder / "hmcvt", *command[1:])
+        assert done[0] == 0, (command, done)
+    assert (with_readme_extras.work / "report.html").is_file()
+    assert (with_readme_extras.work / "controller" / "hmcvt_model.c").is_file()
