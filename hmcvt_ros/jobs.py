@@ -181,7 +181,7 @@ def bench_of(path: Path, noise: float = 0.0) -> hmcvt.BenchSamples:
     values = default.tolist()
     for i, cell in enumerate(cells):
         if cell:
-            values[i] = _number(cell, bench.label(i))
+            values[i] = _number(cell, f"{bench.label(i)}: stated_std")
     return replace(bench, efficiency_std=np.array(values))
 
 
@@ -191,7 +191,10 @@ def _with_channels(bench: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
     for column, name in STATED.items():
         cells = bench.extra.get(column, ())
         if name != "efficiency_std" and cells and all(cells):
-            values = [_number(cell, bench.label(i)) for i, cell in enumerate(cells)]
+            values = [
+                _number(cell, f"{bench.label(i)}: {column}")
+                for i, cell in enumerate(cells)
+            ]
             channels[name] = np.array(values)
     extra = dict(bench.extra)
     sessions = extra.get(STATED_SESSION, ())
@@ -214,11 +217,11 @@ def left_out(bench: hmcvt.BenchSamples) -> list[str]:
     return sentences
 
 
-def _number(cell: str, label: str) -> float:
+def _number(cell: str, where: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise hmcvt.InputError(f"{label}: stated_std = {cell!r} is no number") from None
+        raise hmcvt.InputError(f"{where} = {cell!r} is no number") from None
 
 
 def diagnose(

@@ -2,8 +2,10 @@
 """Tables and code on the pages that repeat the code, or other pages."""
 
 import math
+import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -69,6 +71,50 @@ print(round(float(stroke), 3))
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
     )
     assert done.stdout == "0.52\n", done.stderr
+
+
+CHANNEL = """
+import numpy as np
+import hmcvt_core as hmcvt
+from hmcvt_core.benches.transmission import Transmission
+from hmcvt_tools.tables.rules import meaning_of
+
+model = hmcvt.load_model(PARAMS)
+samples = hmcvt.BenchSamples([0.5], [150.0], [200.0], [0.8], pump_torque=[40.0])
+hmcvt.write_bench("bench.csv", samples)
+print(hmcvt.read_bench("bench.csv").pump_torque.tolist())
+print(meaning_of("pump torque [N m]").quantity)
+print(*Transmission(model, samples.columns).base.names[-2:])
+print(0.0 < float(model.readings_at(samples.points)["pump_torque"][0]) < 400.0)
+"""
+
+
+def test_the_channel_of_the_first_change_is_a_channel(tmp_path):
+    page = read("docs/first-change.md").partition("## Add a bench channel")[2]
+    entry = re.search(r"( +Quantity\(\n.*?\n {12}\),\n)", page, re.DOTALL)
+    function = re.search(r"( +def pump_torque.*?)\n\n", page, re.DOTALL)
+    for package in ("hmcvt_core", "hmcvt_tools"):
+        shutil.copytree(ROOT / package, tmp_path / package)
+    registry = tmp_path / "hmcvt_core" / "transmission" / "quantities.py"
+    end = ')\n"""Every quantity of a bench."""'
+    text = registry.read_text(encoding="utf-8")
+    assert text.count(end) == 1
+    registry.write_text(text.replace(end, entry[1] + end), encoding="utf-8")
+    readings = tmp_path / "hmcvt_core" / "physics" / "readings.py"
+    head, _, table = readings.read_text(encoding="utf-8").partition("READINGS: ")
+    table = table.replace("\n}\n", '\n    "pump_torque": pump_torque,\n}\n')
+    added = f"{head}{textwrap.dedent(function[1])}\n\nREADINGS: {table}"
+    readings.write_text(added, encoding="utf-8")
+    params = str(ROOT / "params" / "hm4.yaml")
+    done = subprocess.run(
+        [sys.executable, "-c", CHANNEL.replace("PARAMS", repr(params))],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    expected = "[40.0]\npump_torque\npump_torque_gain pump_torque_zero\nTrue\n"
+    assert done.stdout == expected, done.stderr
 
 
 def test_summary_of_the_trials_quotes_their_pages():

@@ -154,11 +154,11 @@ def test_a_held_output_speed_allows_for_the_slip():
 
 
 def test_a_brake_and_the_zero_of_the_output_meter_read_alike():
-    np.testing.assert_allclose(
-        _with(BrakeDrag(torque=10.0)).readings_at(POINTS),
-        _with(OutputTorqueZero(zero=-10.0)).readings_at(POINTS),
-        rtol=1e-9,
-    )
+    braked = _with(BrakeDrag(torque=10.0)).readings_at(POINTS)
+    off = _with(OutputTorqueZero(zero=-10.0)).readings_at(POINTS)
+    assert braked.keys() == off.keys()
+    for name, read in braked.items():
+        np.testing.assert_allclose(read, off[name], rtol=1e-9)
 
 
 def test_a_gripping_clutch_turns_its_torque_where_the_slip_vanishes():
