@@ -1,10 +1,12 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Show a node that serves the bench tests of the paper and refits itself (`make demo`).
+"""Show a node that serves the bench tests of the paper and refits itself: `make demo`, first half.
 
 The node runs as a separate process and is reached over DDS on the loopback interface, as a
 tractor's control stack reaches it over its network.
 
     python examples/demo.py
+
+The second half, a withheld cause, is `python -m studies.withheld`.
 """
 
 import contextlib

@@ -7,15 +7,13 @@ from studies.benchmark.answer import Answer
 from studies.benchmark.case import Case
 from studies.benchmark.methods.linear import (
     MAX_EFFECTS,
+    UNLISTED,
     Linear,
     effect_of,
     linear,
     name_of,
     part_of,
 )
-
-UNLISTED = 0.9
-"""Probability of an unlisted cause where the best fit is inadequate; 0.1 of that else."""
 
 
 def answer(case: Case) -> Answer:

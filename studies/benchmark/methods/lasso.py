@@ -12,6 +12,7 @@ from studies.benchmark.answer import Answer
 from studies.benchmark.case import Case, FloatArray
 from studies.benchmark.methods.linear import (
     MAX_EFFECTS,
+    UNLISTED,
     Linear,
     linear,
     name_of,
@@ -34,14 +35,14 @@ def answer(case: Case) -> Answer:
         counts[names(problem, selected(problem, rng.choice(rows, len(rows))))] += 1
     prediction, deviation, fit = problem.predicted(chosen)
     inadequate = problem.inadequate(fit)
-    unlisted = 0.9 if inadequate else 0.1
+    unlisted = UNLISTED if inadequate else 1.0 - UNLISTED
     scale = (1.0 - unlisted) / (RESAMPLED + 1)
     no_gap = scale * counts.pop((), 0)
     verdict = "listed" if chosen else "no_gap"
     if inadequate:
         verdict = "unlisted"
-    ranked = [(found, scale * count) for found, count in counts.most_common(10)]
-    # The selection on all readings leads.
+    ranked = [(found, scale * count) for found, count in counts.most_common()]
+    # The selection on all readings leads; it is at least as probable as any other.
     ranked.sort(key=lambda item: item[0] != names(problem, chosen))
     if chosen:
         ranked[0] = (ranked[0][0], max(probability for _, probability in ranked))
@@ -51,7 +52,7 @@ def answer(case: Case) -> Answer:
         method="",
         verdict=verdict,
         sets=tuple(
-            (found, probability / max(total, 1.0)) for found, probability in ranked
+            (found, probability / max(total, 1.0)) for found, probability in ranked[:10]
         ),
         no_gap_probability=no_gap / max(total, 1.0),
         unlisted_probability=unlisted / max(total, 1.0),

@@ -28,6 +28,8 @@ ADEQUATE = 0.999
 """A fit may be inadequate beyond this quantile of chi-square,"""
 FORM_PART = 0.2
 """and is where it leaves so much of the squared change: less is the form of a listed effect."""
+UNLISTED = 0.9
+"""Probability of an unlisted cause where the best fit is inadequate; 1 - 0.9 where it is not."""
 AXES = ("displacement_ratio", "engine_speed", "load_torque", "oil_temperature")
 
 
