@@ -9,7 +9,6 @@ import pytest
 from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.sound import fit_sound_unit
 from hmcvt_core.physics.remainder import _matern_slopes, matern
-
 from studies.stability import differences
 
 from .test_served import pump
