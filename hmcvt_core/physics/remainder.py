@@ -454,27 +454,38 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
     scaled_terms = training.columns * training.spread
     of_terms = scaled_terms @ scaled_terms.T
     apart = np.abs(training.order[:, None] - training.order)
+    squares = (scaled[:, None] - scaled) ** 2
+    squares = np.ascontiguousarray(np.moveaxis(squares, -1, 0))
+    near = matern(scaled, scaled, np.full(axes, SCATTER_REACH))
+    products = np.outer(training.noise, training.noise)
 
     def objective(part: Array) -> tuple[float, Array]:
         logs = np.zeros(axes + 4)
         logs[free] = part
         lengths = LENGTH_MEDIAN * np.exp(logs[:axes])
         deviation = training.smooth_deviation * np.exp(logs[axes])
-        noise = np.exp(logs[axes + 1]) * training.noise
+        noise_factor = np.exp(logs[axes + 1])
+        noise = noise_factor * training.noise
         drift = _drift_of(logs)
-        of_smooth = deviation**2 * matern(scaled, scaled, lengths)
-        of_drift = drift.covariance(scaled, training.order, noise)
+        correlation, of_lengths = _matern_with_slopes(squares, lengths)
+        of_smooth = deviation**2 * correlation
+        lasting = np.exp(-apart / drift.readings) * near
+        of_drift = (drift.deviation * noise_factor) ** 2 * products * lasting
         factor = _factor_of(of_smooth + of_terms + of_drift, noise)
-        # Derivatives of the covariance by the logarithms.
-        slopes = list(deviation**2 * _matern_slopes(scaled, lengths))
-        slopes.append(2.0 * of_smooth)
-        slopes.append(2.0 * (of_drift + np.diag(noise**2)))
-        slopes.append(2.0 * of_drift)
-        slopes.append(of_drift * apart / drift.readings)
-        value, gradient = _negative_log_likelihood(factor, training.values, slopes)
+        weights, inverse = _solved(factor, training.values)
+        difference = inverse - np.outer(weights, weights)
+        # Half the sum of the difference times the derivative of the covariance by a logarithm.
+        in_smooth = difference * (0.5 * deviation**2)
+        gradient = [np.vdot(in_smooth, slope) for slope in of_lengths]
+        gradient.append(2.0 * np.vdot(in_smooth, correlation))
+        in_drift = difference * of_drift
+        of_noise = np.sum(np.diagonal(difference) * noise**2)
+        gradient.append(np.sum(in_drift) + of_noise)
+        gradient.append(np.sum(in_drift))
+        gradient.append(0.5 * np.vdot(in_drift, apart) / drift.readings)
+        value = 0.5 * training.values @ weights + np.sum(np.log(np.diagonal(factor)))
         value += 0.5 * float(np.sum((logs / spread) ** 2))
-        gradient += logs / spread**2
-        return value, gradient[free]
+        return float(value), (np.array(gradient) + logs / spread**2)[free]
 
     bounds = [LENGTH_LOG_BOUNDS] * (len(free) - 4)
     bounds += [DEVIATION_LOG_BOUNDS, NOISE_LOG_BOUNDS]
@@ -513,43 +524,36 @@ def _starts(count: int) -> list[Array]:
     return [medians, noisy]
 
 
-def _matern_slopes(points: Array, lengths: Array) -> Array:
-    """Return the derivatives of `matern` by the log of each length, shape (d, n, n).
+def _matern_with_slopes(squares: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return `matern` between all points, and its derivatives by the log of each length.
 
     Args:
-        points: shape (n, d).
+        squares: squared differences of the points along each axis, shape (d, n, n).
         lengths: shape (d,).
+
+    Returns:
+        Shapes (n, n) and (d, n, n).
     """
-    from scipy.spatial.distance import cdist
-
-    scaled = points / lengths
-    root = np.sqrt(5.0) * cdist(scaled, scaled)
-    common = 5.0 / 3.0 * (1.0 + root) * np.exp(-root)
-    squares = (scaled[:, None] - scaled) ** 2
-    return np.asarray(common * np.moveaxis(squares, -1, 0))
+    scaled = squares / lengths[:, None, None] ** 2
+    root = np.sqrt(5.0 * np.sum(scaled, axis=0))
+    decay = np.exp(-root)
+    correlation = (1.0 + root + root**2 / 3.0) * decay
+    return correlation, scaled * (5.0 / 3.0 * (1.0 + root) * decay)
 
 
-def _negative_log_likelihood(
-    factor: Array, values: Array, slopes: list[Array]
-) -> tuple[float, Array]:
-    """Return the negative log likelihood and its gradient.
+def _solved(factor: Array, values: Array) -> tuple[Array, Array]:
+    """Return the inverse of a covariance times the readings, and the inverse.
 
     Args:
         factor: lower Cholesky factor of the covariance, shape (n, n).
         values: readings, shape (n,).
-        slopes: derivatives of the covariance by p quantities, shape (n, n) each.
-
-    Returns:
-        The value, and its gradient, shape (p,).
     """
-    from scipy.linalg import cho_solve
+    from scipy.linalg.lapack import dpotri
 
-    weights = cho_solve((factor, True), values)
-    inverse = cho_solve((factor, True), np.eye(len(values)))
-    value = 0.5 * values @ weights + np.sum(np.log(np.diagonal(factor)))
-    difference = inverse - np.outer(weights, weights)
-    gradient = [0.5 * np.sum(difference * slope) for slope in slopes]
-    return float(value), np.array(gradient)
+    half, _ = dpotri(factor, lower=1)
+    lower = np.tril(half)
+    inverse = lower + np.tril(half, -1).T
+    return inverse @ values, inverse
 
 
 def _factor_of(covariance: Array, noise: Array) -> Array:

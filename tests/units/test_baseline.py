@@ -8,21 +8,23 @@ import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.samples import UnitSamples
+from hmcvt_core.diagnosis.results.outcome import NAMING
 from hmcvt_core.errors import InputError
 
 from .bench import CM3, LEAKAGE, TURN, grid
 
 
-def pump(seed, further=0.0, rubbing=None):
+def pump(seed, further=0.0, rubbing=None, levels=6, bypass=0.0):
     """Tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`.
 
-    Where `rubbing` is a constant torque [N m], the torque is read too.
+    Where `rubbing` is a constant torque [N m], the torque is read too. `bypass` is the flow of a
+    leak at 400 bar [m3/s], whose form no effect has exactly.
     """
-    speed, pressure = grid(6)
+    speed, pressure = grid(levels)
     w, p = speed * TURN / 60.0, pressure * 1e5
     size = CM3 * 1e-6 / TURN
     noise = 0.004 * size * w * np.random.default_rng(seed).standard_normal(len(w))
-    lost = (1.0 + further) * LEAKAGE * p + noise
+    lost = (1.0 + further) * LEAKAGE * p + bypass * (p / 4e7) ** 0.6 + noise
     torque = None
     if rubbing is not None:
         scatter = np.random.default_rng([seed, 1]).standard_normal(len(w))
@@ -35,6 +37,16 @@ def test_sound_against_sound_and_grown_leakage():
     worn = diagnose_unit(pump(3, further=2.0), baseline=pump(2)).to_dict()
     assert worn["verdict"] in ("cause_found", "ambiguous")
     assert worn["baseline"]["control"]["verdict"] == "no_gap"
+
+
+@pytest.mark.parametrize("rows", [12, 24, 48, 100])
+def test_a_leak_is_named_with_few_rows_and_with_many(rows):
+    """The rest that no form explains is judged against the change, not against the noise alone."""
+    leaking = pump(6, levels=10, bypass=1e-4)
+    kept = np.sort(np.random.default_rng(rows).permutation(len(leaking))[:rows])
+    answer = diagnose_unit(leaking.select(kept), baseline=pump(2, levels=8))
+    assert answer.diagnosis.verdict in NAMING and answer.component == "pump"
+    assert "flow loss +" in answer.report()
 
 
 def test_a_change_of_the_torque_alone_is_named():

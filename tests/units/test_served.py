@@ -6,6 +6,8 @@ import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.samples import UnitSamples
+from hmcvt_core.benches.unit.served import paper_terms, served_unit
+from hmcvt_core.benches.unit.system import HydrostaticUnit
 
 from .bench import CM3, DAMPING, LEAKAGE, TURN, grid
 
@@ -47,6 +49,31 @@ def test_errors_at_left_out_samples_cover_fresh_ones(bumpy):
     for channel in ("flow_loss", "torque_loss"):
         error = np.abs(getattr(inside, channel) - predicted[channel])
         assert 0.8 < np.mean(error < 1.96 * deviation[channel]) <= 1.0
+
+
+def test_the_terms_of_the_paper_are_kept_where_nothing_improves_on_them():
+    samples = pump(5)
+    system = HydrostaticUnit(samples)
+    served = served_unit(system, samples, ())
+    bands = {(band.band, band.side) for band in served.bands}
+    sides = [(axis, side) for axis in ("pressure", "speed") for side in ("high", "low")]
+    assert bands == {("inside", ""), *sides}
+    fresh = pump(6)
+    expected = paper_terms(system, samples).predict(fresh)
+    for channel, predicted in served.predict(fresh).items():
+        assert predicted == pytest.approx(expected[channel], rel=1e-9)
+
+
+def test_the_deviation_grows_below_the_tests_too():
+    samples = pump(1, bump=4e-5)
+    low = samples.speed < 0.4 * samples.speed.max()
+    served = served_unit(
+        HydrostaticUnit(samples), samples.select(np.flatnonzero(~low)), ()
+    )
+    slow = samples.select(np.flatnonzero(low))
+    deviation = served.deviation(slow)["flow_loss"]
+    slowest = slow.speed == slow.speed.min()
+    assert np.mean(deviation[slowest]) > 1.2 * np.mean(deviation[~slowest])
 
 
 def test_weights_are_in_the_answer(bumpy):

@@ -8,7 +8,7 @@ import pytest
 
 from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.sound import fit_sound_unit
-from hmcvt_core.physics.remainder import _matern_slopes, matern
+from hmcvt_core.physics.remainder import _matern_with_slopes, matern
 from studies.stability import differences
 
 from .test_served import pump
@@ -57,7 +57,10 @@ def test_slopes_of_the_kernel_are_its_derivatives():
     points = np.random.default_rng(0).uniform(size=(6, 2))
     lengths = np.array([0.4, 1.3])
     step = 1e-6
-    for i, slope in enumerate(_matern_slopes(points, lengths)):
+    squares = np.moveaxis((points[:, None] - points) ** 2, -1, 0)
+    correlation, slopes = _matern_with_slopes(squares, lengths)
+    assert correlation == pytest.approx(matern(points, points, lengths), abs=1e-14)
+    for i, slope in enumerate(slopes):
         factor = np.ones(2)
         factor[i] = np.exp(step)
         above = matern(points, points, lengths * factor)
