@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.agreement import operating_point
+from hmcvt_core.model.operating_point import operating_point
 
 TYRE_RADIUS = 0.85  # m
 FINAL_DRIVE = 21.0

@@ -24,7 +24,7 @@ from control_stack import PERIOD, ControlStack
 from std_msgs.msg import String
 
 import hmcvt_core as hmcvt
-from hmcvt_core.model.agreement import operating_point
+from hmcvt_core.model.operating_point import operating_point
 from hmcvt_ros import qos
 from hmcvt_tools.mission import Choice, Drive, Planned, Situation, Vehicle, read_cycle
 

@@ -12,9 +12,9 @@ import numpy as np
 from ..benches.transmission.channels import EFFICIENCY_CHANNEL
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
-from ..model.agreement import stage_of_each
 from ..model.checks import require_model_and_samples
 from ..model.model import EfficiencyModel
+from ..model.staged_samples import stage_of_each
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
 from .change_test import FALSE_ALARMS, ChangeTest, step_size

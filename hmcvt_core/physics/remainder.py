@@ -274,19 +274,6 @@ class Remainder:
         covariance = covariance + left @ self.coefficient_covariance @ left.T
         return mean, np.asarray(0.5 * (covariance + covariance.T))
 
-    def smooth_at(self, points: Array) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the process alone, shape (m,) each.
-
-        Args:
-            points: operating points, shape (m, d).
-        """
-        from scipy.linalg import solve_triangular
-
-        between = self._covariance(points, self.training.points)
-        solved = solve_triangular(self._factor, between.T, lower=True)
-        variance = self.deviation**2 - np.sum(solved**2, axis=0)
-        return between @ self._weights, np.sqrt(np.maximum(variance, 0.0))
-
     @cached_property
     def coefficient_covariance(self) -> Array:
         """Covariance of the coefficients that are not held at zero."""

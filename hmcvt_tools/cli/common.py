@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 import click
 
 from hmcvt_core.files import data_path, plain
-from hmcvt_core.model.agreement import LOADS, STROKES, operating_point
 from hmcvt_core.model.model import FORMULATIONS, EfficiencyModel
+from hmcvt_core.model.operating_point import LOADS, STROKES, operating_point
 from hmcvt_core.model.parameter_file import load_model, load_stage, load_stages
 from hmcvt_core.physics.effects import Effect, load_effects
 from hmcvt_core.physics.effects.base import OIL_HOOKS

@@ -1,14 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt export`."""
 
+from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from hmcvt_core.model.model import EfficiencyModel
+
 from ..export import export_c, export_fmu, export_mat
 from ..export.c_model import PRECISIONS
 from ..export.effect_tables import BOUND
-from ..export.stages import with_stages
 from . import common
 from .common import Answer
 
@@ -87,7 +90,7 @@ def command(
     model = common.model_from(params)
     names = (*stages, *more_stages)
     if names:
-        model = with_stages(model, names)
+        model = _with_stages(model, names)
     accuracy = None
     error = BOUND if bound is None else bound
     if kind == "c":
@@ -107,3 +110,18 @@ def command(
     if accuracy is not None:
         lines.append(accuracy.report())
     return Answer(value, lines)
+
+
+def _with_stages(model: EfficiencyModel, names: Collection[str]) -> EfficiencyModel:
+    """Return a model of some stages, in the order of the model.
+
+    Raises:
+        InputError: the model has no such stage.
+    """
+    for name in names:
+        model.in_stage(name)
+    kept = []
+    for name, part in model.stages.items():
+        if name in names:
+            kept.append(part.stage)
+    return replace(model, stage=kept[0], other_stages=tuple(kept[1:]))

@@ -9,10 +9,12 @@ import click
 
 from hmcvt_core.errors import HmcvtError
 from hmcvt_core.files.bench import read_bench
-from hmcvt_core.model.agreement import LOADS, mean_error, stage_of_each
+from hmcvt_core.model.accuracy import mean_error
 from hmcvt_core.model.engine import load_engine
 from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.operating_point import LOADS
 from hmcvt_core.model.optimum import HOLDS, DriveOptimum, Optimum
+from hmcvt_core.model.staged_samples import stage_of_each
 from hmcvt_core.physics.balance import DRAGGED
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS, RPM
 

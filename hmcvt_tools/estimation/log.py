@@ -24,8 +24,7 @@ from ..logs.opening import open_log
 from ..logs.selection import Selection, Stated, read_rows, select
 from ..logs.series import Log, Report
 from .condition import identified_temperatures, outside_identified
-from .rows import Estimator, Rows
-from .series_file import SeriesFile
+from .rows import Estimator, Rows, SeriesFile
 from .settings import EstimateSettings
 from .solving import Stages
 from .totals import Totals

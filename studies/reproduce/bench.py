@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from hmcvt_core.files import data_path
 from hmcvt_core.files.bench import BenchSamples, read_bench
 from hmcvt_core.identification.problem import Problem
-from hmcvt_core.model.agreement import relative_errors
+from hmcvt_core.model.accuracy import relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stage
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hmcvt_core.identification.identify import SCHEDULES
-from hmcvt_core.model.agreement import determination_loss
+from hmcvt_core.model.accuracy import determination_loss
 
 from . import paper
 from .algorithms import (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from hmcvt_core.model.agreement import determination_loss
+from hmcvt_core.model.accuracy import determination_loss
 from hmcvt_core.transmission.parameters import PAPER_PARAMETERS
 from hmcvt_core.transmission.parameters import SEARCH_BOUNDS as BOUNDS
 

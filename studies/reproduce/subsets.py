@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hmcvt_core.identification.problem import Problem
-from hmcvt_core.model.agreement import relative_errors
+from hmcvt_core.model.accuracy import relative_errors
 
 from . import paper
 from .bench import lowest, problem, table2

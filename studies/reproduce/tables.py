@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.identification import Identification, identify
-from hmcvt_core.model.agreement import determination_loss, relative_errors
+from hmcvt_core.model.accuracy import determination_loss, relative_errors
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.transmission.parameters import (
     PAPER_PARAMETERS,

@@ -11,7 +11,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.identification import Schedule
 from hmcvt_core.identification.piecewise import hydraulic_roots
 from hmcvt_core.identification.problem import Problem
-from hmcvt_core.model.agreement import determination_loss, relative_errors
+from hmcvt_core.model.accuracy import determination_loss, relative_errors
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 
 from .conftest import FIT

@@ -10,7 +10,7 @@ import yaml
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.refit import refit
-from hmcvt_core.model.agreement import gear_train_remark, pressure_remark
+from hmcvt_core.model.plausibility import gear_train_remark, pressure_remark
 from hmcvt_core.physics.effects.actuator import (
     DisplacementDeadBand,
     DisplacementGain,

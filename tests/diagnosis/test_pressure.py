@@ -10,7 +10,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import linearise, refit
-from hmcvt_core.model.agreement import pressure_remark
+from hmcvt_core.model.plausibility import pressure_remark
 from hmcvt_core.physics.effects.hydraulic import PressureFrictionFull
 from hmcvt_core.physics.effects.sensor import PressureGain, PressureZero
 

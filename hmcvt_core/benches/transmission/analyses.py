@@ -13,9 +13,10 @@ from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Points
 from ...errors import InputError
 from ...files.bench import BenchSamples, read_columns
-from ...model.agreement import gear_train_remarks, pressure_remark, stage_of_each
 from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
+from ...model.plausibility import gear_train_remarks, pressure_remark
+from ...model.staged_samples import stage_of_each
 from .base import scaled_base
 from .change import diagnose_change
 from .channels import AXES, CHANNELS

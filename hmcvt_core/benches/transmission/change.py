@@ -14,8 +14,8 @@ from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.wording import plain
 from ...errors import InputError
 from ...files.bench import BenchSamples
-from ...model.agreement import gear_train_remarks
 from ...model.model import EfficiencyModel
+from ...model.plausibility import gear_train_remarks
 from ..baseline import (
     ChangeDiagnosis,
     Reference,

@@ -11,7 +11,7 @@ from ...diagnosis.settings import PRIOR_DOF_ASSUMED
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...errors import InputError
 from ...files.bench import BenchSamples
-from ...model.agreement import stage_of_each
+from ...model.staged_samples import stage_of_each
 from ...transmission import ranges
 from .channels import AXES, CHANNELS, EFFICIENCY_CHANNEL, OIL_TEMPERATURE, STAGE
 
