@@ -18,7 +18,7 @@ from hmcvt_core.transmission.ranges import RPM, OperatingPoints
 EFFICIENCY_NOISE = 0.004
 SPEED_NOISE = 0.001
 FIRST_TESTS = 24
-MOST_FURTHER_TESTS = 12
+MAX_FURTHER_TESTS = 12
 COLUMNS = (
     "displacement_ratio",
     "engine_speed",
@@ -68,7 +68,7 @@ def main() -> None:
         ),
         rng,
     )
-    for _ in range(MOST_FURTHER_TESTS + 1):
+    for _ in range(MAX_FURTHER_TESTS + 1):
         advice = hmcvt.next_test(MODEL, samples, noise=EFFICIENCY_NOISE)
         explanations = [
             f"{' + '.join(names) or 'unlisted'} {100 * probability:.0f} %"

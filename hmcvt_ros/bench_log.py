@@ -63,7 +63,7 @@ _ROW_BYTES = 512
 _ROWS_READ = 100_000
 """A file of more bytes than this many rows of that size, or than the limit of the log, is no log:
 it is set aside unread, so that reading is bounded."""
-_MOST_NAMED = 20
+_MAX_NAMED = 20
 """Lines or runs of samples that a message names."""
 
 
@@ -516,7 +516,7 @@ def _gaps(numbers: Iterable[int], last: int) -> str:
 
 
 def _listed(words: Sequence[str]) -> str:
-    listed = ", ".join(words[:_MOST_NAMED])
-    if len(words) > _MOST_NAMED:
-        return f"{listed} and {len(words) - _MOST_NAMED} more"
+    listed = ", ".join(words[:_MAX_NAMED])
+    if len(words) > _MAX_NAMED:
+        return f"{listed} and {len(words) - _MAX_NAMED} more"
     return listed

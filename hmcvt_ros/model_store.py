@@ -29,7 +29,7 @@ from .state_folder import (
     require_no_link,
 )
 
-MOST_VERSIONS = KEPT_FILES // 2
+MAX_VERSIONS = KEPT_FILES // 2
 """Models that can be reverted one after the other."""
 
 Promised = tuple[tuple[Path, str], ...]
@@ -202,7 +202,7 @@ class ModelStore:
             HmcvtError: there are too many of the last starts.
         """
         stack = list(self._stack)
-        if len(stack) < MOST_VERSIONS:
+        if len(stack) < MAX_VERSIONS:
             return stack
         # The first one is the reference of the drift.
         oldest = self._models / stack[1].name

@@ -41,7 +41,7 @@ from hmcvt_core.interface import (
 from .inputs import INPUT_RANGES, NANOSECONDS, AgeLimits
 
 MAP_POINTS_LIMIT = 100_000
-"""Most points of the efficiency map (0.8 MB as a message)."""
+"""Maximum number of points of the efficiency map (0.8 MB as a message)."""
 
 SHORTEST_TIMEOUT = 0.01
 LONGEST_TIMEOUT = 60.0

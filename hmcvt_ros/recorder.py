@@ -24,7 +24,7 @@ NOT_WRITTEN = "not written"
 BENCH_REASONS = (INVALID, FULL, BUSY, NOT_WRITTEN)
 """Why a bench sample may be refused."""
 
-MOST_WAITING = 10_000
+MAX_WAITING = 10_000
 """Samples that may wait for the disk; about 1 MB."""
 STREAMS = 64
 """Publishers of bench samples that are distinguished."""
@@ -64,7 +64,7 @@ class Recorder:
         self.numbers = Numbers()
         self.tally = Tally(BENCH_REASONS)
         self.repeats = 0
-        self.news: deque[BenchSamples] = deque(maxlen=MOST_WAITING)
+        self.news: deque[BenchSamples] = deque(maxlen=MAX_WAITING)
         self._warn = warn
         self._look = look
         self._missed_before = 0  # missed before this log was begun
@@ -104,9 +104,9 @@ class Recorder:
         Raises:
             InputError: as of `rows_of`.
         """
-        if len(self._waiting) >= MOST_WAITING:
+        if len(self._waiting) >= MAX_WAITING:
             self.refuse(
-                BUSY, f"bench log: {MOST_WAITING} samples wait already for the disk"
+                BUSY, f"bench log: {MAX_WAITING} samples wait already for the disk"
             )
             return
         (row,) = rows_of(sample)

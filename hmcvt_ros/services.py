@@ -30,7 +30,7 @@ from .recorder import Recorder
 from .worker import Worker
 
 Data = dict[str, Any]
-MOST_WAITING = 10
+MAX_WAITING = 10
 """Requests that may wait for a disk together; rclpy looks at each of them at every message."""
 REQUESTS_PER_SECOND = 50
 """Requests beyond which more are refused at once."""
@@ -241,9 +241,9 @@ class Services:
                     raise HmcvtError(
                         f"busy: more than {REQUESTS_PER_SECOND} requests a second"
                     )
-                if self._unanswered > MOST_WAITING:
+                if self._unanswered > MAX_WAITING:
                     raise HmcvtError(
-                        f"busy: {MOST_WAITING} requests wait already for the disk"
+                        f"busy: {MAX_WAITING} requests wait already for the disk"
                     )
                 answer = await work()
                 end = self._summary(answer)

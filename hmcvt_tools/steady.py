@@ -28,13 +28,13 @@ from hmcvt_core.transmission.ranges import (
     Array,
 )
 
-LEAST_BLOCKS = 3  # fewer block means show no drift
-_LEAST_READINGS = 3  # in a block; fewer have no scatter to speak of
+MIN_BLOCKS = 3  # fewer block means show no drift
+_MIN_READINGS = 3  # in a block; fewer have no scatter to speak of
 _LAGS_SUMMED = 3.0  # in correlation times
 _ZERO_ERROR = (
     0.01  # at full stroke a stroke sensor may read this much above 1 on average
 )
-_MOST_LAGS = 4  # a quarter of the readings: further lags have too few pairs
+_MAX_LAGS = 4  # a quarter of the readings: further lags have too few pairs
 
 
 def limit(default: float, text: str) -> Any:
@@ -75,10 +75,10 @@ class Steadiness:
 
     def __post_init__(self) -> None:
         require_positive(self)
-        if self.min_duration < LEAST_BLOCKS * self.block:
+        if self.min_duration < MIN_BLOCKS * self.block:
             raise InputError(
                 f"min_duration = {self.min_duration:g} s holds fewer than "
-                f"{LEAST_BLOCKS} blocks of {self.block:g} s"
+                f"{MIN_BLOCKS} blocks of {self.block:g} s"
             )
 
 
@@ -114,7 +114,7 @@ def block_statistics(
         Edges, shape (blocks + 1,): block k holds the readings edges[k] to edges[k + 1] - 1. Means
         and standard deviations, shape (c, blocks); NaN for a block of fewer than 3 readings.
     """
-    if len(time) < _LEAST_READINGS:
+    if len(time) < _MIN_READINGS:
         return np.zeros(1, dtype=np.intp), *np.empty((2, len(values), 0))
     # The last reading stands for a step of time, as every other one does.
     span = time[-1] - time[0] + np.median(np.diff(time))
@@ -123,7 +123,7 @@ def block_statistics(
     origin = values[:, :1]
     means, deviations = np.full((2, len(values), count), np.nan)
     for k, (first, last) in enumerate(pairwise(edges)):
-        if last - first >= _LEAST_READINGS:
+        if last - first >= _MIN_READINGS:
             part = values[:, first:last] - origin
             means[:, k], deviations[:, k] = part.mean(axis=1), part.std(axis=1, ddof=1)
     return edges, means + origin, deviations
@@ -196,7 +196,7 @@ def effective_size(values: Array) -> float:
     count = len(values)
     centred = values - values.mean()
     spectrum = np.fft.rfft(centred, 1 << (2 * count - 1).bit_length())
-    products = np.fft.irfft(np.abs(spectrum) ** 2)[: count // _MOST_LAGS + 1]
+    products = np.fft.irfft(np.abs(spectrum) ** 2)[: count // _MAX_LAGS + 1]
     if not products[0] > 0.0:
         return float(count)
     sums = np.maximum(2.0 * np.cumsum(products / products[0]) - 1.0, 1.0)

@@ -40,7 +40,7 @@ INTERVAL = 1.96
 """Half-width of a 95 % interval, in standard errors."""
 FRESH_SEED = 2**42
 FRESH_TESTS = 300
-MOST_DRAWS = 100
+MAX_DRAWS = 100
 """Draws of a plant until one carries the loads of its tests."""
 
 
@@ -65,9 +65,9 @@ def draw(case: Case) -> Campaign:
     """Measure a campaign on the first plant, of those drawn from its seed, that carries the loads.
 
     Raises:
-        InputError: none of `MOST_DRAWS` does.
+        InputError: none of `MAX_DRAWS` does.
     """
-    for attempt in range(MOST_DRAWS):
+    for attempt in range(MAX_DRAWS):
         rng = np.random.default_rng([case.seed, attempt])
         misfit = 0.0
         effects = []
@@ -78,7 +78,7 @@ def draw(case: Case) -> Campaign:
             effects.append((name, log_uniform(SHIFTS, rng)))
         try:
             return make_campaign(
-                MOST_DRAWS * case.seed + attempt,
+                MAX_DRAWS * case.seed + attempt,
                 effects,
                 samples=case.tests,
                 efficiency_noise=case.noise,

@@ -43,7 +43,7 @@ FRESH_POINTS = 50
 OUTLIER = 8.0
 """Error of the one wrong test of a campaign with an outlier, in standard deviations."""
 COLLINEAR_WIDTH = 0.05
-"""Part of its range over which an axis varies in a collinear plan, besides the common line."""
+"""Fraction of its range over which an axis varies in a collinear plan, besides the common line."""
 TRUE_RANGES = np.array([[-11.2, -10.5], [0.03, 0.20], [0.05, 0.40]])
 """Of log10 leakage, motor damping and pump damping of the machines drawn."""
 POINT_RANGES = np.array([[-0.9, 1.0], [100.0, 210.0], [120.0, 500.0]])

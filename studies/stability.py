@@ -30,10 +30,10 @@ from studies.blind.bench.study import cases as bench_cases
 RELATIVE_CHANGE = 1e-8
 """Standard deviation of the change of every number, as a part of it."""
 CHANGED = 0.01
-"""Part of a figure by which it has changed."""
-LEAST_PART = 0.005
+"""Fraction of a figure by which it has changed."""
+MIN_FRACTION = 0.005
 """Change of a probability or of a part removed that no report prints: they print whole percents."""
-LEAST_ERROR = 0.01
+MIN_ERROR = 0.01
 """Change of an error of a meter or of a parameter that no report prints, in its deviations."""
 FIRST_SEED = 54_000_000
 _NOISES = ("0.1 %", "0.4 %")
@@ -170,9 +170,9 @@ def _differ(key: str, one: Any, other: Any) -> bool:
         one = one or 0.0
         other = other or 0.0
     if _IN_PERCENT.search(key):
-        least = LEAST_PART
+        least = MIN_FRACTION
     if key.endswith(_IN_DEVIATIONS):
-        least = LEAST_ERROR
+        least = MIN_ERROR
     numbers = (int, float)
     if isinstance(one, numbers) and isinstance(other, numbers):
         limit = max(CHANGED * max(abs(one), abs(other)), least)

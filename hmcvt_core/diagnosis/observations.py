@@ -14,8 +14,8 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from .settings import (
-    LEAST_REPLICATE_NOISE,
-    MOST_SAMPLES,
+    MAX_SAMPLES,
+    MIN_REPLICATE_NOISE,
     PRIOR_DOF_ASSUMED,
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
@@ -280,7 +280,7 @@ def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] 
     squares = np.sum((measured - mean[group]) ** 2)
     deviation = float(np.sqrt(squares / degrees_of_freedom))
     # Readings that agree better than any bench are copies, or placeholders in a plan.
-    if deviation <= LEAST_REPLICATE_NOISE * np.abs(measured).max():
+    if deviation <= MIN_REPLICATE_NOISE * np.abs(measured).max():
         return None
     return deviation, degrees_of_freedom
 
@@ -306,7 +306,7 @@ def replicate_groups(axes: Sequence[Axis], points: Points) -> NDArray[np.intp]:
         tolerance = max(REPLICATE_TOLERANCE * float(np.ptp(values)), axis.tolerance)
         rows.append(values / tolerance)
     scaled = np.stack(rows, axis=1)
-    if 1 < len(scaled) <= MOST_SAMPLES:
+    if 1 < len(scaled) <= MAX_SAMPLES:
         label = fclusterdata(
             scaled, 1.0, "distance", metric="chebyshev", method="complete"
         )

@@ -24,15 +24,15 @@ from .observations import (
     tie_free,
 )
 from .settings import (
-    LEAST_SAMPLES,
     MAD_TO_DEVIATION,
-    MOST_SAMPLES,
-    MOST_WITHOUT_ANSWER,
+    MAX_OUTLIER_FRACTION,
+    MAX_SAMPLES,
+    MAX_WITHOUT_ANSWER,
+    MIN_OUTLIER_SCALE,
+    MIN_SAMPLES,
     NAMED_SAMPLES,
     OUTLIER_CLUSTER_P,
     OUTLIER_DISTANCE,
-    OUTLIER_LEAST_SCALE,
-    OUTLIER_MOST_PART,
     OUTLIER_NEIGHBOURS,
     OUTLIER_RATIO,
     PRIOR_DOF_ASSUMED,
@@ -81,12 +81,12 @@ def prepare(system: System, observed: Observations) -> Prepared:
         base, further_notes = _refit_to_answered(system, observed.without(slips))
         notes += further_notes
     _check_count(system, base.observed)
-    if len(base.observed) > MOST_SAMPLES:
+    if len(base.observed) > MAX_SAMPLES:
         notes.append(
-            f"{MOST_SAMPLES} of {len(base.observed)} samples are weighed, evenly spread over the "
+            f"{MAX_SAMPLES} of {len(base.observed)} samples are weighed, evenly spread over the "
             "operating points"
         )
-        kept = spread_out(base.observed, MOST_SAMPLES)
+        kept = spread_out(base.observed, MAX_SAMPLES)
         base = refit(base.hypothesis, base.observed.select(kept), base.theta)
     base, notes = _with_uneven_noise(base, notes)
     return Prepared(base, notes, described)
@@ -107,7 +107,7 @@ def _refit_to_answered(system: System, observed: Observations) -> tuple[Fit, lis
         raise _too_few_answers(system, observed, unanswered_before)
     fit = refit(hypothesis, observed.without(unanswered_before))
     unanswered = _unanswered(hypothesis, observed, fit.theta)
-    if len(unanswered) > MOST_WITHOUT_ANSWER * len(observed):
+    if len(unanswered) > MAX_WITHOUT_ANSWER * len(observed):
         raise _too_few_answers(system, observed, unanswered)
     notes = []
     if len(unanswered):
@@ -143,7 +143,7 @@ def _check_count(system: System, observed: Observations) -> None:
     # Errors of meters around a machine that is held are no parameters to be identified.
     parameters = getattr(system, "identified", len(system.base))
     reason = f"cannot tell a gap from the {parameters} parameters that are refitted"
-    least = max(LEAST_SAMPLES, parameters + 1)
+    least = max(MIN_SAMPLES, parameters + 1)
     if n < least:
         raise InputError(
             f"{source}: {n} samples (rows that differ) {reason}; at least {least} are needed"
@@ -397,8 +397,8 @@ def outliers(observed: Observations, whitened: Array) -> Index:
 def _far_off(distance: Array) -> NDArray[np.bool_]:
     """Return which of the distances from their neighbours are outlying, shape (n,)."""
     spread = np.median(np.abs(distance - np.median(distance)))
-    scale = max(float(MAD_TO_DEVIATION * spread), OUTLIER_LEAST_SCALE)
-    most = max(1, int(OUTLIER_MOST_PART * len(distance)))
+    scale = max(float(MAD_TO_DEVIATION * spread), MIN_OUTLIER_SCALE)
+    most = max(1, int(MAX_OUTLIER_FRACTION * len(distance)))
     far = np.abs(distance) > OUTLIER_DISTANCE * scale
     if far.sum() <= most:
         return far
@@ -416,7 +416,7 @@ def _clustered(some: Array, position: Array) -> bool:
     """
     from scipy.stats import ks_2samp
 
-    if position.shape[1] <= MOST_SAMPLES or some.shape[1] < 2:
+    if position.shape[1] <= MAX_SAMPLES or some.shape[1] < 2:
         return False
     for some_values, values in zip(some, position, strict=True):
         if ks_2samp(some_values, values).pvalue < OUTLIER_CLUSTER_P:

@@ -33,7 +33,7 @@ cannot have, too.
 """
 
 FIXED_POINT_ROUNDS = 20
-"""Most rounds of a fixed point: of noise variances, or of amplitudes with them.
+"""Maximum number of rounds of a fixed point: of noise variances, or of amplitudes with them.
 
 Source: chosen as a guard against endless iteration.
 """
@@ -53,21 +53,21 @@ Source: chosen on development campaigns. Below it stated noise gets more weight,
 looked for, and the size of the scatter is tested too.
 """
 
-MOST_SAMPLES = 1000
-"""Most samples of a campaign that are used.
+MAX_SAMPLES = 1000
+"""Maximum number of samples of a campaign that are used.
 
 Source: limit of computing time and memory. More samples allow finer regions.
 """
 
 REPLICATE_TOLERANCE = 0.002
-"""Part of the range of an axis within which points repeat one point.
+"""Fraction of the range of an axis within which points repeat one point.
 
 Source: chosen; a bench never sets a point twice to the last digit. A larger part takes neighbouring
 points for repeats and so a gap between them for noise.
 """
 
 TIE_TOLERANCE = 1e-6
-"""Part of the largest value, or of the extent, within which coordinates are equal.
+"""Fraction of the largest value, or of the extent, within which coordinates are equal.
 
 Source: chosen, between the last digits of a table and how closely a bench sets a point. On a plan
 of even steps many samples are equally far from a sample or an edge; the last digits of the inputs
@@ -80,8 +80,8 @@ REPLICATES_NEEDED = 5
 Source: chosen on development campaigns. With fewer the assumed noise is used.
 """
 
-LEAST_REPLICATE_NOISE = 1e-5
-"""Part of the largest reading below which agreement of repeats is a copy, not a measurement.
+MIN_REPLICATE_NOISE = 1e-5
+"""Fraction of the largest reading below which agreement of repeats is a copy, not a measurement.
 
 Source: chosen; readings that agree better than any bench are copied, or placeholders in a plan.
 """
@@ -112,13 +112,13 @@ Source: one sample, so that the data decide.
 """
 
 PRIOR_DOF_STATED_SMALL = 30.0
-"""Least prior degrees of freedom of a stated noise in a campaign below `SMALL_CAMPAIGN`.
+"""Minimum prior degrees of freedom of a stated noise in a campaign below `SMALL_CAMPAIGN`.
 
 Source: chosen on development campaigns; so few samples cannot correct a statement.
 """
 
 PRIOR_DOF_ASSUMED_SMALL = 3.0
-"""Least prior degrees of freedom of an assumed noise in a campaign below `SMALL_CAMPAIGN`.
+"""Minimum prior degrees of freedom of an assumed noise in a campaign below `SMALL_CAMPAIGN`.
 
 Source: chosen on development campaigns: a bench twice as noisy as assumed raises no alarm by the
 size of its scatter, one six times as noisy does.
@@ -126,14 +126,14 @@ size of its scatter, one six times as noisy does.
 
 # --- preparation ----------------------------------------------------------------------------
 
-LEAST_SAMPLES = 5
+MIN_SAMPLES = 5
 """Samples below which no diagnosis is made.
 
 Source: chosen. A system with more base parameters needs one sample more than it has of them.
 """
 
-MOST_WITHOUT_ANSWER = 0.25
-"""Part of the samples without an answer of the model above which a campaign is refused.
+MAX_WITHOUT_ANSWER = 0.25
+"""Fraction of the samples without an answer of the model above which a campaign is refused.
 
 Source: chosen; so many point to wrong units or to another machine.
 """
@@ -174,14 +174,14 @@ OUTLIER_RATIO = 10.0
 Source: chosen on development campaigns; one gross slip bends the fit at other samples.
 """
 
-OUTLIER_LEAST_SCALE = 0.01
-"""Least scale of the distance from neighbours, in deviations.
+MIN_OUTLIER_SCALE = 0.01
+"""Minimum scale of the distance from neighbours, in deviations.
 
 Source: chosen; neither a refit nor a bench comes nearer.
 """
 
-OUTLIER_MOST_PART = 0.03
-"""Part of the samples above which outliers are a narrow gap instead.
+MAX_OUTLIER_FRACTION = 0.03
+"""Fraction of the samples above which outliers are a narrow gap instead.
 
 Source: chosen on development campaigns.
 """
@@ -199,7 +199,7 @@ Source: quantile of the normal distribution.
 """
 
 UNEVEN_NOISE_ROUNDS = 5
-"""Most refits of the variance function of a channel.
+"""Maximum number of refits of the variance function of a channel.
 
 Source: chosen on development campaigns.
 """
@@ -231,13 +231,13 @@ Source: chosen; such an effect has no channel to show in.
 """
 
 REFIT_STEPS = 60
-"""Most steps of a refit.
+"""Maximum number of steps of a refit.
 
 Source: chosen as a guard against endless iteration.
 """
 
 ROUGH_REFIT_STEPS = 6
-"""Most steps of a rough refit of a candidate.
+"""Maximum number of steps of a rough refit of a candidate.
 
 Source: chosen on development campaigns, for speed.
 """
@@ -273,7 +273,7 @@ Source: chosen, between rounding and curvature.
 """
 
 AUXILIARY_VARIANCE_RATIO = 9.0
-"""Least variance of auxiliary channels in the served fit, in units of their noise variance.
+"""Minimum variance of auxiliary channels in the served fit, in units of their noise variance.
 
 Source: three deviations. More makes the served channels fit better at the cost of the others.
 """
@@ -322,13 +322,13 @@ REGION_SIGNIFICANCE = 0.10
 Source: chosen; the sign of a region is then certain at 90 %.
 """
 
-LEAST_REGION_PART = 0.1
-"""Part of the largest mean of a region below which the mean of another is not reported.
+MIN_REGION_FRACTION = 0.1
+"""Fraction of the largest mean of a region below which the mean of another is not reported.
 
 Source: chosen for reading.
 """
 
-LEAST_REGION_DIGITS = 10.0
+MIN_REGION_DIGITS = 10.0
 """Steps of the last printed digit below which the mean of a region is not reported.
 
 Source: chosen for reading; 0.1 points of efficiency.
@@ -341,7 +341,7 @@ Source: limit of memory. No effect on results.
 """
 
 REGION_SAMPLES = 4
-"""Least samples of a region in a campaign of 32 and more.
+"""Minimum number of samples of a region in a campaign of 32 and more.
 
 Source: chosen on development campaigns.
 """
@@ -353,19 +353,19 @@ Source: continues `REGION_SAMPLES` below 32 samples.
 """
 
 BAND_EDGES = 21
-"""Most inner edges of bands along one axis.
+"""Maximum number of inner edges of bands along one axis.
 
 Source: limit of computing time. More give narrower regions.
 """
 
 CORNER_EDGES = 6
-"""Most inner edges along each axis of boxes over several axes.
+"""Maximum number of inner edges along each axis of boxes over several axes.
 
 Source: limit of computing time.
 """
 
-ABSORBED_PART = 1e-6
-"""Part of the square of a pattern below which a refit absorbs all of it.
+ABSORBED_FRACTION = 1e-6
+"""Fraction of the square of a pattern below which a refit absorbs all of it.
 
 Source: rounding in single precision.
 """
@@ -376,8 +376,8 @@ REGION_GAIN = 0.03
 Source: chosen on development campaigns.
 """
 
-MOST_REGIONS = 5
-"""Most regions reported.
+MAX_REGIONS = 5
+"""Maximum number of regions reported.
 
 Source: length of the report.
 """
@@ -407,7 +407,7 @@ Source: chosen, a factor of three apart, from minutes to a working day.
 """
 
 SCATTER_SAMPLES = 300
-"""Most samples whose scatter is attributed.
+"""Maximum number of samples whose scatter is attributed.
 
 Source: limit of computing time.
 """
@@ -421,20 +421,20 @@ Source: chosen, about a factor of three apart around the typical size.
 """
 
 FORM_ALLOWANCE = 0.07
-"""Prior median of the bend of a form along an axis, as a part of its signature.
+"""Prior median of the error of a form along an axis, as a part of its signature.
 
 Source: families of forms in the literature leave of each other between 0.02, as power laws do once
 their exponents agree, and 0.25, as films that break do (docs/diagnosis.md).
 """
 
 FORM_ALLOWANCES = (0.5 * FORM_ALLOWANCE, FORM_ALLOWANCE, 2.0 * FORM_ALLOWANCE)
-"""Prior deviations of a bend that looks like another effect, as parts of what bends.
+"""Prior deviations of a form error that looks like another effect, as parts of what bends.
 
 Source: `FORM_ALLOWANCE`, known within a factor of two.
 """
 
-LEAST_BEND_MATCH = 0.9
-"""Part of the squared change by an effect from which it may be a bend of other forms.
+MIN_FORM_ERROR_MATCH = 0.9
+"""Fraction of the squared change by an effect from which it may be a form error of other forms.
 
 Source: chosen. The rest is a change between channels, which no bend makes.
 """
@@ -446,8 +446,8 @@ Source: chosen; an amplitude is known within a factor of two. Forms then span 0.
 deviations.
 """
 
-MOST_FAMILIES = 8
-"""Most families of functions that one selection adds.
+MAX_FAMILIES = 8
+"""Maximum number of families of functions that one selection adds.
 
 Source: limit of computing time.
 """
@@ -465,7 +465,7 @@ Source: the upper end of the prior. From the median, one fit of six to a large g
 nats below the best of nine starts; from here one of fifty, in fewer rounds.
 """
 
-AMPLITUDE_MOST_STEP = 3.0
+MAX_AMPLITUDE_STEP = 3.0
 """Largest change of a log variance in a round.
 
 Source: chosen as a guard against overshooting.
@@ -474,23 +474,23 @@ Source: chosen as a guard against overshooting.
 FORM_ALLOWANCE_DEGREE = 2
 """Total degree of the polynomials by which a form may bend where one channel is read.
 
-Source: chosen on development campaigns. With more channels it is `SMOOTH_DEGREE`: a bend is then
-held by all of them.
+Source: chosen on development campaigns. With more channels it is `SMOOTH_DEGREE`: a form error
+is then held by all of them.
 """
 
-EXTRA_DISCREPANCY_PART = (0.06, 0.2)
+EXTRA_DISCREPANCY_FRACTION = (0.06, 0.2)
 """Parts of the squared change by an extra discrepancy: due to inexact forms up to, a cause from.
 
 Source: the square of the largest form allowance, once and with a factor of nearly two along it.
 """
 
-MISSED_PART = (0.19, 0.38)
+MISSED_FRACTION = (0.19, 0.38)
 """Parts of the squared change that a set misses by itself: due to its forms up to, a cause from.
 
 Source: the square of the largest form allowance along three axes, once and twice.
 """
 
-SCATTERED_PART = (max(FORM_ALLOWANCES) ** 2, 2.0 * max(FORM_ALLOWANCES) ** 2)
+SCATTERED_FRACTION = (max(FORM_ALLOWANCES) ** 2, 2.0 * max(FORM_ALLOWANCES) ** 2)
 """Parts of the squared gap that scatter above their statement: negligible up to, a loss from.
 
 Source: the square of the largest form allowance, once and twice; what forms miss is as large. It is
@@ -535,14 +535,14 @@ EXCHANGED_SETS = 2
 Source: chosen on development campaigns, for speed.
 """
 
-NEAR_BEST_PART = 0.7
-"""Part of the best gain in log evidence that a candidate has to reach, less `NEAR_BEST_MARGIN`.
+NEAR_BEST_FRACTION = 0.7
+"""Fraction of the best gain in log evidence that a candidate has to reach, less `NEAR_BEST_MARGIN`.
 
 Source: chosen on development campaigns. Less keeps more candidates at the cost of time.
 """
 
 NEAR_BEST_MARGIN = 4.0
-"""Log evidence that a candidate may lie below `NEAR_BEST_PART` of the best gain.
+"""Log evidence that a candidate may lie below `NEAR_BEST_FRACTION` of the best gain.
 
 Source: chosen on development campaigns. More keeps more candidates at the cost of time.
 """
@@ -573,7 +573,7 @@ PRIOR_UNLISTED = 0.10
 Source: chosen. More makes the verdict `unexplained` more frequent.
 """
 
-PRIOR_BEND = 0.5
+PRIOR_FORM_ERROR = 0.5
 """Prior probability that what the forms of a set miss looks like one of the other effects.
 
 Source: indifference.
@@ -605,20 +605,20 @@ REPORTED_MEMBER = 0.05
 Source: length of the report.
 """
 
-MOST_MEMBERS = 6
-"""Most members that are reported.
+MAX_MEMBERS = 6
+"""Maximum number of members that are reported.
 
 Source: length of the report.
 """
 
-OTHER_FORM_PART = 0.5
-"""Part of the squared change that an effect makes at least if it acts in a form not in the list.
+OTHER_FORM_FRACTION = 0.5
+"""Minimum fraction of the squared change by an effect that acts in a form not in the list.
 
 Source: `LIKELY`; below it, what is not listed makes more of the change than the effect does.
 """
 
-AT_BOUND_PART = 1e-3
-"""Part of its range within which a size or a base parameter counts as at its bound.
+AT_BOUND_FRACTION = 1e-3
+"""Fraction of its range within which a size or a base parameter counts as at its bound.
 
 Source: chosen; a refit ends at a bound to about 1e-6 of the range.
 """
@@ -638,7 +638,7 @@ Source: convention.
 """
 
 DESIGN_EXPLANATIONS = 8
-"""Most explanations between which tests are chosen.
+"""Maximum number of explanations between which tests are chosen.
 
 Source: limit of computing time.
 """
@@ -649,20 +649,20 @@ DESIGN_TESTS = 4
 Source: length of the report.
 """
 
-LEAST_TEST_GAIN = 0.02
+MIN_TEST_GAIN = 0.02
 """Information of the readings of a test [nats] below which it is not worth making.
 
 Source: chosen; some 200 such tests would be needed to settle even odds.
 """
 
-SAME_TEST_PART = 0.2
-"""Part of the range of the possible tests, along every axis, within which two tests are neighbours.
+SAME_TEST_FRACTION = 0.2
+"""Fraction of the range of the possible tests, along every axis, that makes two neighbours.
 
 Source: chosen; one step of the grids of candidate tests.
 """
 
-NOTHING_NEW_PART = 0.9
-"""Part of the gain of a test from which repeating a neighbour chosen before does as well.
+NOTHING_NEW_FRACTION = 0.9
+"""Fraction of the gain of a test from which repeating a neighbour chosen before does as well.
 
 Source: chosen.
 """
@@ -679,7 +679,7 @@ DECISIVE_SQUARED_DEVIATIONS = 9.0
 Source: three deviations.
 """
 
-MOST_PLAN_RUNS = 20
+MAX_PLAN_RUNS = 20
 """Repetitions of a plan up to which a report says how many would show an effect.
 
 Source: chosen; more are rarely run.
@@ -687,14 +687,14 @@ Source: chosen; more are rarely run.
 
 # --- summary of effects ---------------------------------------------------------------------
 
-MOST_CAUSES = 6
-"""Most causes reported.
+MAX_CAUSES = 6
+"""Maximum number of causes reported.
 
 Source: length of the report.
 """
 
-MOST_CAUSES_UNEXPLAINED = 3
-"""Most causes reported where none of them explains the gap.
+MAX_CAUSES_UNEXPLAINED = 3
+"""Maximum number of causes reported where none of them explains the gap.
 
 Source: length of the report.
 """
@@ -705,7 +705,7 @@ INTERVAL_DEVIATIONS = 1.96
 Source: 95 % interval of a normal variable.
 """
 
-LEAST_SHRINKAGE = -10.0
+MIN_SHRINKAGE = -10.0
 """Smallest fraction removed that is reported; further growth of a gap says nothing more.
 
 Source: chosen; it keeps the ends of intervals finite.

@@ -10,7 +10,7 @@ AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 NOTHING = "\N{EN DASH}"
 """Stands for a value that does not exist."""
 
-LEAST_P_VALUE = 0.001
+MIN_P_VALUE = 0.001
 """Smallest p value that the simulated campaigns resolve (`settings.DRAWS`)."""
 SMALL_PROBABILITY = 0.01
 """Probabilities nearer to 0 or 1 than this are not printed exactly."""
@@ -63,9 +63,9 @@ def chance(value: float | None) -> str:
     """Return a p value, or the bound that the simulated campaigns resolve."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    if value > LEAST_P_VALUE:
+    if value > MIN_P_VALUE:
         return f"{value:.2g}"
-    return f"{AT_MOST} {LEAST_P_VALUE:g}"
+    return f"{AT_MOST} {MIN_P_VALUE:g}"
 
 
 def p_is(value: float) -> str:

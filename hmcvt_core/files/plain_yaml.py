@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _TABLES = (".csv", ".tsv", ".txt")
 # Chosen by us: a hundred times what the largest file of the project needs.
 _MAX_BYTES = 1024 * 1024
-_MOST_EVENTS = 40_000
+_MAX_EVENTS = 40_000
 """Keys, values, and beginnings and ends of collections that a file may hold."""
 _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 
@@ -129,8 +129,8 @@ def _require_plain(events: Iterable[yaml.Event]) -> None:
         complaint = _not_plain(event)
         if depth > _DEEPEST:
             complaint = f"more than {_DEEPEST} levels"
-        if count > _MOST_EVENTS:
-            complaint = f"more than {_MOST_EVENTS} keys and values"
+        if count > _MAX_EVENTS:
+            complaint = f"more than {_MAX_EVENTS} keys and values"
         if complaint:
             raise InputError(
                 f"not YAML of a parameter file{_line_of(event)}: {complaint}"

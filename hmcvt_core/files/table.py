@@ -26,7 +26,7 @@ _COMMA = re.compile(
     r"[+-]?(0?,\d+|\d+,(\d{1,2}|\d{4,}))([eE][+-]?\d+)?|[+-]?\d{1,3}(\.\d{3})+,\d+"
 )
 _POINT = re.compile(r"[+-]?(\d*\.\d+|\d+\.)([eE][+-]?\d+)?")
-_MOST_TITLES = 5
+_MAX_TITLES = 5
 """Rows of titles above a header."""
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+")
 
@@ -150,7 +150,7 @@ def _header_row(rows: Sequence[list[str]]) -> int:
     for number, row in enumerate(rows, 1):
         if any(row) and row[0][:1] != "#":
             filled.append(number)
-        if len(filled) > _MOST_TITLES:
+        if len(filled) > _MAX_TITLES:
             break
     for number, following in pairwise(filled):
         row = rows[number - 1]

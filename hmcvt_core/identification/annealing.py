@@ -29,7 +29,7 @@ Shrink = Callable[[int, Array], Array]
 """i of eq. (19), shape (m,), from the cooling steps done and from the number of steps at the slower
 rate that would have cooled each chain as far, shape (m,)."""
 
-PART_OF_WIDTH = 0.1
+FRACTION_OF_WIDTH = 0.1
 """L_x of eq. (19), in terms of the width of the domain."""
 
 _DOMAIN_WIDTH = 12.0
@@ -312,7 +312,7 @@ class _Chains:
         """0.1 (1 - i / (N + 2)) of eq. (19) for each chain, shape (chains, 1)."""
         schedule = self._schedule
         i = schedule.shrink(step, schedule.slow_steps(temperature))
-        size = PART_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
+        size = FRACTION_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
         return np.asarray(size[:, None])
 
     def _move(self, warm: NDArray[np.intp], temperature: Array, size: Array) -> None:

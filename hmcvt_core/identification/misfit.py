@@ -31,7 +31,7 @@ FEWEST = 8
 
 _NEIGHBOURS = 3
 """Next samples of which one confirms a sample that is set aside; chosen for 24 tests."""
-_LEAST_RANGE = 1e-6
+_MIN_RANGE = 1e-6
 """Range of an axis along which all samples are equal, against division by zero."""
 _OIL_RANGE = 100.0
 """Difference of oil temperatures that counts like the range of an axis [deg C]."""
@@ -81,7 +81,7 @@ def _coordinates(samples: BenchSamples) -> Array:
     columns = []
     for axis in AXES:
         values = getattr(samples, axis)
-        columns.append(values / max(float(np.ptp(values)), _LEAST_RANGE))
+        columns.append(values / max(float(np.ptp(values)), _MIN_RANGE))
     if samples.oil_temperature is not None:
         columns.append(samples.oil_temperature / _OIL_RANGE)
     if samples.stage is not None:

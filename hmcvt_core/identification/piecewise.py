@@ -20,7 +20,7 @@ from .problem import Problem
 _GRID = np.linspace(published.STANDING_EFFICIENCY, 1.0 - 1e-9, 4001)
 """Values of eta_H between which a root is looked for."""
 _ROOT_TOLERANCE = 1e-6
-_MOST_COMBINATIONS = 32
+_MAX_COMBINATIONS = 32
 _STALLED_MISS = 1.0  # of eta_H, where the motor does not turn forward
 
 
@@ -95,7 +95,7 @@ def starting_points(problem: Problem, roots: list[HydraulicRoots]) -> Array:
 
     combinations = itertools.product(*(roots[i].consistent for i in used))
     starts = []
-    for target in itertools.islice(combinations, _MOST_COMBINATIONS):
+    for target in itertools.islice(combinations, _MAX_COMBINATIONS):
         solution = least_squares(
             miss, middle, bounds=SEARCH_BOUNDS.T, args=(np.array(target),)
         )

@@ -12,7 +12,7 @@ WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
 """Width of the bounds of each scaled parameter, shape (3,)."""
 
 _RELATIVE_STEP = 1e-6  # of the width, of the differences
-_LEAST_SCATTER = 1e-3
+_MIN_SCATTER = 1e-3
 """Of the weighted residuals: samples without any would promise certainty."""
 _LEAKAGE_PRIOR = 10.0 ** SEARCH_BOUNDS[0, 1] / np.sqrt(12.0)
 """Standard deviation of a leakage that is uniform from 0 to its upper bound [m3/(s Pa)]."""
@@ -83,4 +83,4 @@ def _scatter(residuals: Array, stated: bool) -> float:
     if stated:
         # Stated deviations are believed unless the residuals are larger.
         scatter = max(scatter, 1.0)
-    return max(scatter, _LEAST_SCATTER)
+    return max(scatter, _MIN_SCATTER)

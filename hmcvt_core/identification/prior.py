@@ -22,7 +22,7 @@ from ..transmission.parameters import (
 )
 from ..transmission.ranges import Array
 
-_LEAST_ERROR = 1e-6
+_MIN_ERROR = 1e-6
 """Of a parameter in service, in widths of its wear: a smaller one is numerically certain."""
 
 
@@ -52,7 +52,7 @@ class Prior:
         if not model.states_errors:
             return cls(unit, values / unit, np.eye(len(unit)), stated=False)
         errors = np.array([model.standard_errors[name] for name in PARAMETER_NAMES])
-        spread = np.maximum(errors / unit, _LEAST_ERROR)
+        spread = np.maximum(errors / unit, _MIN_ERROR)
         covariance = np.outer(spread, spread) * np.asarray(model.correlation)
         return cls(unit, values / unit, covariance, stated=True)
 

@@ -42,7 +42,7 @@ from .misfit import misfit_remarks, missed_alike, with_misfit
 from .provenance import origin
 from .remarks import undetermined
 from .robust import MEDIAN_TO_DEVIATION, RobustProblem
-from .set_aside import MOST_SET_ASIDE, set_aside_remarks
+from .set_aside import MAX_SET_ASIDE, set_aside_remarks
 from .update import Update
 
 __all__ = ["FOLDS", "MAX_DRIFT", "Refit", "cross_validate", "folds", "refit"]
@@ -390,7 +390,7 @@ def _with_misfit(
 def _no_majority(candidate: _Candidate) -> str | None:
     aside = len(candidate.aside)
     count = len(candidate.samples)
-    if aside <= MOST_SET_ASIDE * count:
+    if aside <= MAX_SET_ASIDE * count:
         return None
     return (
         f"{aside} of {count} samples disagree with the others, more than a third: none can "

@@ -44,13 +44,13 @@ _CONCENTRATIONS = 3
 _REWEIGHTINGS = 10
 _NO_ANSWER = 1e3  # residual
 _STEP = 1e-5  # of the differences, in terms of `Prior.root`
-_MOST_ANNEALED = 500
+_MAX_ANNEALED = 500
 """Samples that an annealing looks at: it costs some 13,000 predictions of each."""
 
 
 def thinned(samples: BenchSamples) -> BenchSamples:
     """As many samples as the annealing looks at, spread over the displacement ratio."""
-    if len(samples) <= _MOST_ANNEALED:
+    if len(samples) <= _MAX_ANNEALED:
         return samples
     return samples.select(thinned_rows(samples))
 
@@ -58,7 +58,7 @@ def thinned(samples: BenchSamples) -> BenchSamples:
 def thinned_rows(samples: BenchSamples) -> NDArray[np.intp]:
     """Return the positions of the samples that `thinned` keeps, by displacement ratio."""
     order = np.argsort(samples.displacement_ratio, kind="stable")
-    count = min(len(order), _MOST_ANNEALED)
+    count = min(len(order), _MAX_ANNEALED)
     spread = np.linspace(0, len(order) - 1, count).astype(int)
     return np.asarray(order[spread])
 

@@ -17,11 +17,11 @@ from ..transmission.parameters import (
 from ..transmission.ranges import Array
 from .robust import RobustProblem
 
-MOST_SET_ASIDE = 1.0 / 3.0
+MAX_SET_ASIDE = 1.0 / 3.0
 """Of the samples; with more no majority is to be trusted."""
 _FEWEST_LEFT = 2 * len(PARAMETER_NAMES)
 """Operating points that show which sample disagrees: with fewer a fit bends to any of them."""
-_MOST_NAMED = 20
+_MAX_NAMED = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def agreement(model: EfficiencyModel, samples: BenchSamples, seed: int) -> Agree
     change, belongs = problem.consensus(seed)
     aside = np.flatnonzero(~belongs)
     points_left = len(np.unique(problem.point_numbers[belongs]))
-    majority = len(aside) <= MOST_SET_ASIDE * len(samples)
+    majority = len(aside) <= MAX_SET_ASIDE * len(samples)
     if not len(aside) or not majority or points_left < _FEWEST_LEFT:
         return Agreement(everything, samples.efficiency)
     expected = problem.predict(change)
@@ -89,7 +89,7 @@ def set_aside_remarks(
         expected: efficiency that the rest of the samples predicts at every sample, shape (n,) [-].
     """
     remarks = []
-    for i in aside[:_MOST_NAMED]:
+    for i in aside[:_MAX_NAMED]:
         name = f"sample {i + 1}"
         if samples.rows:
             name = f"row {samples.rows[i]}"
@@ -100,8 +100,8 @@ def set_aside_remarks(
         remarks.append(
             f"{name} is set aside: it reads {reading}, {said} ({_point(samples, int(i))})"
         )
-    if len(aside) > _MOST_NAMED:
+    if len(aside) > _MAX_NAMED:
         remarks.append(
-            f"{len(aside) - _MOST_NAMED} more samples are set aside like these"
+            f"{len(aside) - _MAX_NAMED} more samples are set aside like these"
         )
     return remarks

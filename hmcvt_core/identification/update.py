@@ -23,7 +23,7 @@ from .robust import RobustProblem
 _TAIL = 0.0228
 """Of either tail: two standard deviations where the noise is well known."""
 _MOSTLY = 0.5
-"""Part of a parameter's change below which the parameter counts as kept."""
+"""Fraction of a parameter's change below which the parameter counts as kept."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,7 @@ _PART_LOAD = Range(
 """From `_LOADED` on: 140 g/kWh is an efficiency of 60 %; without load an engine burns up to a
 quarter of its fuel at full load, which makes 2.25 times the fuel per energy at a fifth of it."""
 _LOADED = 0.2
-"""Part of the full-load torque from which the fuel per energy is checked."""
+"""Fraction of the full-load torque from which the fuel per energy is checked."""
 _GRAMS_PER_KWH = 3.6e9
 """Fuel per energy: kg/J to g/kWh."""
 _HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole

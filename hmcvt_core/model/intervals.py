@@ -9,7 +9,7 @@ from ..errors import InputError
 
 LEVEL = 0.9
 """Level of intervals in reports and JSON."""
-LEAST_DEGREES = 1.0
+MIN_DEGREES = 1.0
 """Of freedom: one sample more than parameters."""
 
 

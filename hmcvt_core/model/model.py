@@ -37,7 +37,7 @@ from ..transmission.stage import Stage, stages_to_mapping
 from .breakdown import Breakdown
 from .domain import AXES, Domain, EfficiencyMap, Prediction
 from .engine import Engine
-from .intervals import LEAST_DEGREES, LEVEL, half_width
+from .intervals import LEVEL, MIN_DEGREES, half_width
 from .measured_unit import MeasuredUnit
 from .optimum import DriveOptimum, Optimum, drive_optimum, optimum
 from .part_checks import require_effects, require_parameters, require_stages
@@ -127,10 +127,10 @@ class EfficiencyModel:
         ranges.MISFIT.check(self.misfit)
         ranges.MISFIT.check(self.remainder_deviation, "remainder_deviation")
         free = self.degrees_of_freedom
-        if free is not None and not free >= LEAST_DEGREES:
+        if free is not None and not free >= MIN_DEGREES:
             raise InputError(
                 f"degrees_of_freedom = {free!r}: needs a number of at least "
-                f"{LEAST_DEGREES:g}, or None"
+                f"{MIN_DEGREES:g}, or None"
             )
         self._formulation.require_valid(self.stage, self.effects)
 

@@ -25,7 +25,7 @@ from ..transmission.parameters import (
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
 from .domain import AXES, Domain
-from .intervals import LEAST_DEGREES
+from .intervals import MIN_DEGREES
 from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
 
@@ -195,7 +195,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         if "correlation" in data
         else None,
         degrees_of_freedom=(
-            file.number("degrees_of_freedom", low=LEAST_DEGREES)
+            file.number("degrees_of_freedom", low=MIN_DEGREES)
             if "degrees_of_freedom" in data
             else None
         ),

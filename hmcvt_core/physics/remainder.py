@@ -41,12 +41,12 @@ NOISE_LOG_DEVIATION = 0.35
 """Prior deviation of the log of stated noise: a factor of 1.4 either way."""
 ASSUMED_NOISE_LOG_DEVIATION = 1.0
 """The same of assumed noise: a factor of three either way."""
-MOST_FOR_LENGTHS = 200
-"""Most samples by which lengths and noise are estimated. Limit of computing time."""
-MOST_SAMPLES = 1000
-"""Most samples that are conditioned on. Limit of computing time and memory."""
+MAX_FOR_LENGTHS = 200
+"""Maximum number of samples by which lengths and noise are estimated. Limit of computing time."""
+MAX_SAMPLES = 1000
+"""Maximum number of samples that are conditioned on. Limit of computing time and memory."""
 JITTER = 1e-9
-"""Part of the variance that is added to the diagonal against rounding."""
+"""Fraction of the variance that is added to the diagonal against rounding."""
 SCATTER_REACH = 0.15
 """Distance over which noise is averaged, as a part of the range of each axis; chosen.
 
@@ -57,7 +57,7 @@ SCATTER_PRIOR = 8.0
 
 The same weight as a stated noise has in a diagnosis (`PRIOR_DOF_STATED`).
 """
-LEAST_VARIATION = 0.05
+MIN_VARIATION = 0.05
 """Variation along an axis, in its width, below which the length along it keeps its median."""
 LENGTH_LOG_BOUNDS = (math.log(0.3), 2.0)
 """Bounds of the log of a length: what bends within a third of a range is not smooth.
@@ -72,7 +72,7 @@ DRIFT_READINGS = 5.0
 Five windows are a usual load cycle. Its log has `LENGTH_LOG_DEVIATION`.
 """
 SUCCESSIVE = 5
-"""Least number of readings in succession that are left out together, as drift lasts.
+"""Minimum number of readings in succession that are left out together, as drift lasts.
 
 Those next to a reading left out would predict it too well.
 """
@@ -81,7 +81,7 @@ LONGEST_RUN = 0.2
 START_STEP = 1.0
 """Distance of the second start of a search from the prior medians, in logarithms: a factor of
 three, as far as the widest of the priors reaches."""
-LEAST_GAIN = 1e-6
+MIN_GAIN = 1e-6
 """Gain in log posterior from which a later start replaces an earlier one, above rounding."""
 DEVIATION_LOG_BOUNDS = (-4.0, 3.0)
 NOISE_LOG_BOUNDS = (-4.0, 4.0)
@@ -101,7 +101,7 @@ class Training:
         smooth_deviation: prior median of the standard deviation of the remainder.
         noise_stated: whether `noise` is stated rather than assumed.
         nonnegative: which coefficients are at least zero, shape (p,).
-        least_width: least range by which each axis is scaled, shape (d,).
+        min_width: least range by which each axis is scaled, shape (d,).
         order: number of each reading in the order of time, shape (n,).
     """
 
@@ -112,7 +112,7 @@ class Training:
     noise: Array
     smooth_deviation: float
     nonnegative: NDArray[np.bool_]
-    least_width: Array
+    min_width: Array
     order: Array
     noise_stated: bool = False
 
@@ -369,7 +369,7 @@ def fit_remainder(training: Training) -> Remainder:
     Args:
         training: at least one reading.
     """
-    training = training.select(_spread_rows(len(training.values), MOST_SAMPLES))
+    training = training.select(_spread_rows(len(training.values), MAX_SAMPLES))
     even = _fit(training)
     positions = (training.points - even.low) / even.width
     scatter = Scatter(positions, even.left_out_residuals() ** 2)
@@ -380,8 +380,8 @@ def fit_remainder(training: Training) -> Remainder:
 def _fit(training: Training) -> Remainder:
     """Fit terms and process at the relative noise that the readings state."""
     low = training.points.min(axis=0)
-    width = np.maximum(np.ptp(training.points, axis=0), training.least_width)
-    subset = training.select(_spread_rows(len(training.values), MOST_FOR_LENGTHS))
+    width = np.maximum(np.ptp(training.points, axis=0), training.min_width)
+    subset = training.select(_spread_rows(len(training.values), MAX_FOR_LENGTHS))
     scaled = (subset.points - low) / width
     logs = _fitted_logs(subset, scaled)
     axes = training.points.shape[1]
@@ -423,7 +423,7 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
     from scipy.optimize import minimize
 
     axes = scaled.shape[1]
-    varies = np.ptp(scaled, axis=0) > LEAST_VARIATION
+    varies = np.ptp(scaled, axis=0) > MIN_VARIATION
     of_noise = ASSUMED_NOISE_LOG_DEVIATION
     if training.noise_stated:
         of_noise = NOISE_LOG_DEVIATION
@@ -488,7 +488,7 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
             options={"maxiter": 200, "ftol": 1e-12, "gtol": 1e-6},
         )
         # A tie by rounding goes to the first start.
-        if best is None or fitted.fun < best.fun - LEAST_GAIN:
+        if best is None or fitted.fun < best.fun - MIN_GAIN:
             best = fitted
     logs = np.zeros(axes + 4)
     if best is not None:

@@ -34,7 +34,7 @@ _ROLLING_SPEED = 2.0
 """Sun speed against the carrier over which the sense of the mesh loss turns round [rad/s]."""
 
 _SLIP_ROUNDS = 20
-"""Most steps of Newton in which a slip and the torque that causes it are made to agree."""
+"""Maximum number of Newton steps between a slip and the torque that causes it."""
 
 _SLIP_TOLERANCE = 1e-11
 """Relative error of the output speed at which they agree."""
@@ -257,7 +257,7 @@ class Shafts(SteadyState):
         )
 
     def _at_rest(self, speed: Array) -> Array:
-        """Part of the friction, -1 to 1, that balances a motor at rest; its pressure; (2, n)."""
+        """Fraction of the friction, -1 to 1, that balances a motor at rest; pressure; (2, n)."""
         forward = np.ones_like(speed)
         whole = np.stack([forward, -forward])
         estimate = self._estimate(speed, whole, self.stroke)

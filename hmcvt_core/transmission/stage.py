@@ -30,7 +30,7 @@ from .ranges import Range
 MEMBERS = ("sun", "ring", "carrier")
 LAYOUTS = ("input_coupled", "output_coupled", "hydrostatic")
 _PATHS = ("mechanical", "pump", "motor", "output")
-_MOST_STAGES = 64
+_MAX_STAGES = 64
 """Stages of a file; transmissions have up to a dozen."""
 CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
 
@@ -361,9 +361,7 @@ def stages_from_mapping(data: Mapping[str, Any]) -> tuple[Stage, ...]:
     """Build every stage of a mapping, in its order; see `Stage.from_mapping`."""
     names = [str(name) for name in Section(data).section("stages").data]
     _require(bool(names), "stages", {}, "at least one stage")
-    _require(
-        len(names) <= _MOST_STAGES, "stages", len(names), f"at most {_MOST_STAGES}"
-    )
+    _require(len(names) <= _MAX_STAGES, "stages", len(names), f"at most {_MAX_STAGES}")
     return tuple(Stage.from_mapping(data, name) for name in names)
 
 

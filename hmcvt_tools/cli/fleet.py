@@ -12,7 +12,7 @@ import click
 
 from ..fleet.executors import Processes, on_cluster
 from ..fleet.run import Settings, run
-from ..fleet.summary import GAP, LEAST_LOGS, THRESHOLD, Entry
+from ..fleet.summary import GAP, MIN_LOGS, THRESHOLD, Entry
 from . import common
 from .common import Answer
 
@@ -242,7 +242,7 @@ def _quantity_table(quantities: dict[str, dict[str, Any]]) -> str:
     return (
         common.table(("fleet", "median", "1.4826 MAD", "judged"), rows) + "\n"
         f"outlier: |z| > {THRESHOLD}, z = (value - median) / (1.4826 MAD), leakage by its "
-        f"logarithm;\nnot judged: fewer than {LEAST_LOGS} logs, or at least half of them equal"
+        f"logarithm;\nnot judged: fewer than {MIN_LOGS} logs, or at least half of them equal"
     )
 
 

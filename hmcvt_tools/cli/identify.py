@@ -19,7 +19,7 @@ from ..report.pictures import draw_fit, save
 from . import common
 from .common import Answer
 
-MOST_SAMPLES = 1_000_000
+MAX_SAMPLES = 1_000_000
 """Highest sample number that --fit accepts: a larger range is a typing error."""
 
 
@@ -35,9 +35,9 @@ def _sample_numbers(text: str) -> list[int]:
             raise click.BadParameter(
                 f"{text!r} is not a list of sample numbers such as 1,2,4-6"
             ) from None
-        if not 1 <= low <= high <= MOST_SAMPLES:
+        if not 1 <= low <= high <= MAX_SAMPLES:
             raise click.BadParameter(
-                f"{part!r}: sample numbers count up from 1 to at most {MOST_SAMPLES}"
+                f"{part!r}: sample numbers count up from 1 to at most {MAX_SAMPLES}"
             )
         numbers += range(low, high + 1)
     if len(set(numbers)) != len(numbers):

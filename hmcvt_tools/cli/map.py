@@ -31,7 +31,7 @@ from ..report.pictures import draw_surface, save
 from . import common
 from .common import Answer
 
-MOST_POINTS = 2_000_000
+MAX_POINTS = 2_000_000
 """Points of a map: more would not fit into the memory of a small machine."""
 
 PICTURE_POWER = 40_000.0
@@ -152,9 +152,9 @@ def command(
         raise click.UsageError(
             "--power and --bench are of a picture: --picture is needed"
         )
-    if math.prod(steps) > MOST_POINTS:
+    if math.prod(steps) > MAX_POINTS:
         raise InputError(
-            f"--steps gives {math.prod(steps)} points; at most {MOST_POINTS}"
+            f"--steps gives {math.prod(steps)} points; at most {MAX_POINTS}"
         )
     # Checked before the grid is made: NumPy would only warn of infinity.
     ENGINE_SPEED.check(engine_speed_limits, "--engine-speed-limits")

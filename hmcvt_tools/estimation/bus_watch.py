@@ -48,9 +48,9 @@ _SCATTER = 0.003
 _FUEL_STEPS = (0.01, 0.03, 0.1)
 _SPEED_STEPS = (0.003, 0.01, 0.03)
 """Standard deviations of a drift's size, as fractions; equally likely."""
-_LEAST_LOAD = 0.2
-"""Part of the full-load torque from which the fuel is compared: below it friction rules."""
-_LEAST_OUTPUT = 5.0
+_MIN_LOAD = 0.2
+"""Fraction of the full-load torque from which the fuel is compared: below it friction rules."""
+_MIN_OUTPUT = 5.0
 """Output speed from which it is compared [rad/s]."""
 
 
@@ -283,7 +283,7 @@ def _fuel(windows: Windows, resolution: Any, engine: Engine) -> tuple[_Compared,
             torque / windows.engine_torque,
             _ROUNDED * resolution.get("fuel_rate", 0.0) / windows.fuel_rate,
         )
-    (rows,) = np.nonzero((part > _LEAST_LOAD) & np.isfinite(residual))
+    (rows,) = np.nonzero((part > _MIN_LOAD) & np.isfinite(residual))
     for row in rows.tolist():
         compared.residuals.append(float(residual[row]))
         compared.deviations.append(float(np.hypot(rounding[row], _SCATTER)))
@@ -307,7 +307,7 @@ def _output(
             per_stroke * _ROUNDED * resolution.get("displacement_ratio", 0.0),
             _ROUNDED * resolution.get("output_speed", 0.0) / windows.output_speed,
         )
-    turning = np.abs(windows.output_speed) > _LEAST_OUTPUT
+    turning = np.abs(windows.output_speed) > _MIN_OUTPUT
     (rows,) = np.nonzero(turning & np.isfinite(residual) & np.isfinite(rounding))
     for row in rows.tolist():
         compared.residuals.append(float(residual[row]))

@@ -32,12 +32,12 @@ _FIRST_STEP = 20.0
 """Between the two loads with which the search begins [N m]."""
 _SLOPE_STEP = 1.0
 """Of the load, for the slope of the engine torque [N m]."""
-_PART_OF_ERROR = 0.1
+_FRACTION_OF_ERROR = 0.1
 """Step of a parameter in its standard errors, for the change of the engine torque."""
 STROKE_SLACK = 0.05
 """By which a displacement ratio may exceed full stroke: errors of speeds and of the slip."""
 _REACH_SLACK = 0.06
-"""Part by which slip moves the speed ratio beyond that of full stroke."""
+"""Fraction by which slip moves the speed ratio beyond that of full stroke."""
 _SAME_STROKE = 0.2
 """Measured and expected displacement ratio differ by less in the stage engaged."""
 
@@ -93,7 +93,7 @@ class StageSolver:
         values = model.parameters.to_array()
         neighbours = []
         for i, name in enumerate(model.standard_errors):
-            step = _PART_OF_ERROR * model.standard_errors[name]
+            step = _FRACTION_OF_ERROR * model.standard_errors[name]
             if values[i] + step > PARAMETER_RANGES[i].high:
                 step = -step
             moved = values.copy()

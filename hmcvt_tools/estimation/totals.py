@@ -117,7 +117,7 @@ class Totals:
 
     @property
     def coverage(self) -> float:
-        """Part of the seconds with an estimate."""
+        """Fraction of the seconds with an estimate."""
         return self.estimated / self.seconds if self.seconds else 0.0
 
     def map_rows(self) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ BOUND = 0.002
 """Error of the efficiency that the tables keep unless another is asked for [-]."""
 
 COVERAGE = 0.99
-"""Part of the random points at which the bound holds."""
+"""Fraction of the random points at which the bound holds."""
 
 TABLE_SPEED = Range("engine_speed", 70.0, 240.0, "rad/s")
 TABLE_LOAD = Range("load_torque", -500.0, 1000.0, "N m")
@@ -39,8 +39,8 @@ MEASURED_POINTS = 100_000
 _TRIAL_POINTS = 20_000
 _COMPARED_POINTS = 500
 _SEED = 20240503
-_MOST_NODES = 100_000  # of one stage: 800 KB
-_MOST_ROUNDS = 12
+_MAX_NODES = 100_000  # of one stage: 800 KB
+_MAX_ROUNDS = 12
 _PART_OF_BOUND = 0.9
 """Of the bound, that trial points keep: others have a larger error by chance."""
 _SPLIT = 0.5  # intervals with this part of the largest error are split
@@ -175,7 +175,7 @@ def _refined(model: EfficiencyModel, bound: float) -> EffectTable:
     rng = np.random.default_rng(_SEED)
     axes: Axes = (_FIRST_STROKES, _FIRST_SPEEDS, _FIRST_LOADS)
     attainable = np.inf
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         table = _table(model, axes)
         errors = _errors(model, table, _random_points(rng, _TRIAL_POINTS))[0]
         error = float(np.nanquantile(errors, COVERAGE))
@@ -183,10 +183,10 @@ def _refined(model: EfficiencyModel, bound: float) -> EffectTable:
             return table
         attainable = min(attainable, error / _PART_OF_BOUND)
         axes = _split(model, table)
-        if np.prod([axis.size for axis in axes]) > _MOST_NODES:
+        if np.prod([axis.size for axis in axes]) > _MAX_NODES:
             break
     raise InputError(
-        f"stage {model.stage.name}: its effects need a table of more than {_MOST_NODES} "
+        f"stage {model.stage.name}: its effects need a table of more than {_MAX_NODES} "
         f"nodes for an efficiency within {bound:g}; allow a larger bound, "
         f"{_rounded_up(attainable):g} is attainable"
     )

@@ -27,7 +27,7 @@ LOADS = np.linspace(-200.0, 600.0, 17)  # overrun to what the shipped engine giv
 
 _TRIALS = 20_000
 _SEED = 20240502
-_LEAST_LOAD = 20.0  # below it an efficiency says little [N m]
+_MIN_LOAD = 20.0  # below it an efficiency says little [N m]
 _QUANTILE = 0.99
 
 
@@ -81,7 +81,7 @@ def _efficiency_error(model: EfficiencyModel, loss_table: Array) -> float:
     rng = np.random.default_rng(_SEED)
     stroke = rng.uniform(STROKES[0], STROKES[-1], _TRIALS)
     speed = rng.uniform(SPEEDS[0], SPEEDS[-1], _TRIALS)
-    load = rng.uniform(_LEAST_LOAD, LOADS[-1], _TRIALS)
+    load = rng.uniform(_MIN_LOAD, LOADS[-1], _TRIALS)
     interpolated = RegularGridInterpolator(axes(), loss_table)
     loss = interpolated(np.column_stack([stroke, speed, load]))
     looked_up = load / (load + loss / speed)

@@ -18,13 +18,13 @@ Entry = dict[str, Any]
 THRESHOLD = 3.5
 """|z| of an outlier (Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993)."""
 
-LEAST_LOGS = 8
+MIN_LOGS = 8
 """Of fewer values a median absolute deviation is itself a matter of chance."""
 
 GAP = "gap"
 _LOGARITHMIC = ("leakage",)
 _MAD_TO_DEVIATION = 1.4826  # of a normal distribution
-_LEAST_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
+_MIN_DEVIATION = 1e-6  # of the largest value: less is rounding, not scatter
 
 
 class Scores(NamedTuple):
@@ -61,9 +61,9 @@ def robust_scores(values: Sequence[float], logarithmic: bool = False) -> Scores:
         x = np.log10(x)
     median = float(np.median(x))
     deviation = _MAD_TO_DEVIATION * float(np.median(np.abs(x - median)))
-    least = _LEAST_DEVIATION * float(np.abs(x).max())
+    least = _MIN_DEVIATION * float(np.abs(x).max())
     z = np.full(len(x), np.nan)
-    if len(x) >= LEAST_LOGS and deviation > least:
+    if len(x) >= MIN_LOGS and deviation > least:
         z = (x - median) / deviation
     if logarithmic:
         median = 10.0**median
@@ -132,7 +132,7 @@ def summarise(before: Sequence[Entry], now: Sequence[Entry]) -> dict[str, Any]:
         "outlier_rule": {
             "z": "(value - median) / deviation; deviation = 1.4826 x median absolute deviation",
             "threshold": THRESHOLD,
-            "least_logs": LEAST_LOGS,
+            "least_logs": MIN_LOGS,
         },
         "fleet": {name: _quantity(name, entry) for name, entry in scores.items()},
         "logs": logs,

@@ -16,7 +16,7 @@ from .signals import BYTES, Signal, group_number
 _J1939_FORMAT = "J1939PG"
 """Value of the attribute `VFrameFormat` of messages that J1939 numbers."""
 _FIRST_OF_J1939 = 0xF000
-"""Least parameter group number that is broadcast; below, a 29-bit number may mean anything."""
+"""Minimum parameter group number that is broadcast; below, a 29-bit number may mean anything."""
 
 
 class Message(NamedTuple):

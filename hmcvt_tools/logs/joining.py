@@ -17,9 +17,9 @@ from hmcvt_core.transmission.ranges import Array
 
 from .series import Remarks, Series, joined_series
 
-_MOST_STEPS = 3.0
+_MAX_STEPS = 3.0
 """Usual steps of a channel across which it is joined, as in tables of recordings."""
-_LEAST_REACH = 0.05
+_MIN_REACH = 0.05
 """A channel reaches at least so far [s]: loggers batch frames, so that steps vary."""
 _LONGEST_REACH = 30.0
 """And at most so far [s]."""
@@ -105,7 +105,7 @@ class Joiner:
         if name in self._reach or len(time) <= _FEWEST_STEPS:
             return
         usual = float(np.median(np.diff(time)))
-        reach = np.clip(_MOST_STEPS * usual, _LEAST_REACH, _LONGEST_REACH)
+        reach = np.clip(_MAX_STEPS * usual, _MIN_REACH, _LONGEST_REACH)
         self._reach[name] = float(reach)
 
     def _latest(self) -> float:

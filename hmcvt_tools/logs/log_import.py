@@ -26,8 +26,8 @@ from .series import Log, Report, listed_names
 _LOGGER = logging.getLogger(__name__)
 _PIECE = 3600.0
 """Span of a log that is searched for windows at a time [s]; a window does not reach across."""
-_LEAST_STEP = 0.01
-"""Least distance of two rows [s]: faster signals are thinned, so that an hour fits the memory."""
+_MIN_STEP = 0.01
+"""Minimum distance of two rows [s]: faster signals are thinned, so that an hour fits the memory."""
 _ROUNDED = 1.0 / np.sqrt(12.0)
 """Standard deviation of rounding, in steps."""
 _USUAL_EFFICIENCY = (0.65, 0.97)
@@ -145,7 +145,7 @@ def _hours(
     """Yield SI values with `stamp`, and the stage of each row, of at most `_PIECE` seconds."""
     parts: list[dict[str, Any]] = []
     start = np.nan
-    for joined, values in read_rows(log, selection, _LEAST_STEP):
+    for joined, values in read_rows(log, selection, _MIN_STEP):
         part = {name: values[name] for name in chosen}
         part["stamp"] = joined.time
         parts.append(part)

@@ -327,14 +327,14 @@ def groups_with(listed: Sequence[InGroup], channel: InGroup) -> tuple[str, ...]:
     return tuple(dict.fromkeys(groups))
 
 
-_MOST_NAMES = 20
+_MAX_NAMES = 20
 
 
 def listed_names(names: Collection[str]) -> str:
     """Return names as text, the first of many."""
-    shown = ", ".join(list(names)[:_MOST_NAMES])
-    if len(names) > _MOST_NAMES:
-        shown += f" and {len(names) - _MOST_NAMES} more"
+    shown = ", ".join(list(names)[:_MAX_NAMES])
+    if len(names) > _MAX_NAMES:
+        shown += f" and {len(names) - _MAX_NAMES} more"
     return shown or "none"
 
 

@@ -30,7 +30,7 @@ CYCLES = ("ploughing", "rotary_tilling", "transport", "sowing", "loader")
 STEP = 1.0
 """Step of a mission when none is given [s]."""
 
-MOST_STEPS = 10_800
+MAX_STEPS = 10_800
 """Longest cycle: three hours at 1 s; its tables take about 1 GB of memory."""
 
 _GRAVITY = 9.81
@@ -392,10 +392,10 @@ class _Grid:
         usual = float(np.median(distances))
         length = float(rows[-1] - rows[0]) + usual
         count = max(1, round(length / step))
-        if count > MOST_STEPS:
+        if count > MAX_STEPS:
             raise InputError(
                 f"{source}: {length:.0f} s are {count} steps of {step:g} s; at most "
-                f"{MOST_STEPS}: give a longer step, or cut it"
+                f"{MAX_STEPS}: give a longer step, or cut it"
             )
         gaps = []
         for i in np.flatnonzero(distances > _GAP * usual):

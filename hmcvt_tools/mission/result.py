@@ -22,10 +22,10 @@ from .strategies import Strategy, strategy_named
 DIESEL_DENSITY = 0.835
 """Mass of a litre of diesel [kg], the middle of EN 590 (0.820 to 0.845 at 15 deg C)."""
 
-_SMALLEST_PART = 1e-9
+_SMALLEST_FRACTION = 1e-9
 """Of the engine's work: what less is needs no line in the report."""
 
-_MOST_NAMED = 5  # complaints of one kind that the text names
+_MAX_NAMED = 5  # complaints of one kind that the text names
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ def _energy_lines(energy: Energy) -> list[str]:
     losses = sorted(energy.losses.items(), key=lambda loss: -loss[1])
     parts += [(name, joules, "lost: ") for name, joules in losses]
     for name, joules, kind in parts:
-        if abs(joules) < _SMALLEST_PART * energy.engine:
+        if abs(joules) < _SMALLEST_FRACTION * energy.engine:
             continue  # rounding of a part that takes nothing
         share = 100.0 * joules / energy.engine
         label = kind + name.replace("_", " ")
@@ -181,10 +181,10 @@ def _complaint_lines(title: str, complaints: Sequence[Complaint]) -> list[str]:
     if not complaints:
         return []
     lines = [f"{title} at {len(complaints)} steps:"]
-    for item in complaints[:_MOST_NAMED]:
+    for item in complaints[:_MAX_NAMED]:
         lines.append(f"  {item.time:g} s: {item.reason}")
-    if len(complaints) > _MOST_NAMED:
-        lines.append(f"  and {len(complaints) - _MOST_NAMED} more")
+    if len(complaints) > _MAX_NAMED:
+        lines.append(f"  and {len(complaints) - _MAX_NAMED} more")
     return lines
 
 

@@ -32,8 +32,8 @@ FIXED_SPEED = 1900.0 * RPM
 """Engine speed that `fixed_speed` holds when none is given [rad/s]."""
 
 HYSTERESIS = 0.005
-"""Part of the fuel that another stage or a distant engine speed must save; chosen on the shipped
-cycles."""
+"""Fraction of the fuel that another stage or a distant engine speed must save; chosen on the
+shipped cycles."""
 
 NEAR_SPEED = 50.0 * RPM
 """Change of the engine speed in a second that needs no saving [rad/s2]; chosen likewise."""

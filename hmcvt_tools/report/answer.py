@@ -21,7 +21,7 @@ VERDICTS = {
 }
 """Words of the verdicts on a badge."""
 
-MOST_MEMBERS = 4
+MAX_MEMBERS = 4
 """Causes that the answer lists; the details have all. Chosen so that they fit on one screen."""
 _UNLISTED = "an effect that is not listed"
 _NO_STEPS = ("note: ", "stop: ")
@@ -76,7 +76,7 @@ def members(diagnosis: Diagnosis) -> list[MemberLine]:
         return _varied(diagnosis)
     known = diagnosis.members or _members_of_causes(diagnosis)
     lines = []
-    for member in known[:MOST_MEMBERS]:
+    for member in known[:MAX_MEMBERS]:
         if member.probability >= words.REPORTED_PROBABILITY:
             lines.append(_line(member))
     if diagnosis.unlisted >= words.REPORTED_PROBABILITY:
@@ -90,7 +90,7 @@ def _varied(diagnosis: Diagnosis) -> list[MemberLine]:
     if diagnosis.scatter is None:
         return []
     lines = []
-    for quantity, probability in diagnosis.scatter.quantities[:MOST_MEMBERS]:
+    for quantity, probability in diagnosis.scatter.quantities[:MAX_MEMBERS]:
         text = words.probability(probability)
         lines.append(MemberLine(words.plain(quantity), text, probability))
     return lines

@@ -58,10 +58,10 @@ _LEAD_HEIGHT = 5.7  # of the map where the gap is largest [in]
 _PANEL_HEIGHTS = (6.6, 4.8)  # of the gap above its standard deviation [in]
 _ROW_HEIGHT = 2.7  # of the two side by side, one row for each stage [in]
 _BARS_HEIGHT = 1.4  # of the colour bars above such rows [in]
-_MOST_HEIGHT = 14.5
+_MAX_HEIGHT = 14.5
 """Height of a file [in]: at 130 dots per inch it stays below 2000 pixels."""
 _COLUMNS = 3  # pairs of axes side by side in a file
-_MOST_STAGES = 6  # in a file; more rows would be too low to read
+_MAX_STAGES = 6  # in a file; more rows would be too low to read
 _TITLE_LETTERS = 50  # of a line above a map
 _SHORT_TITLE_LETTERS = 28  # where two stand side by side
 _SMALL_PANEL_MARKS = 0.6  # size of marks where two maps stand side by side
@@ -79,7 +79,7 @@ _DOT = 5.0  # within the noise [pt]
 _DOTS = 100  # on a map of the standard deviation, at most; an even part
 _LEGEND_MARK = 14.0  # pt
 _WHOLE = 0.86
-"""Part of a view from which a region spans it: its outline would say nothing there."""
+"""Fraction of a view from which a region spans it: its outline would say nothing there."""
 
 _MARGIN = 0.025  # around a region; part of a view
 _HALF_FLAG = 0.033  # half the size of the number of a region; part of a view
@@ -435,7 +435,7 @@ def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
         height = (_BARS_HEIGHT + _ROW_HEIGHT) * math.ceil(len(groups) / columns)
     elif is_crowded:
         width = _WIDTH * columns / 2.0
-    figure.set_size_inches(width, min(height, _MOST_HEIGHT) + 0.8)
+    figure.set_size_inches(width, min(height, _MAX_HEIGHT) + 0.8)
     lines = textwrap.wrap(title, int(_TITLE_LETTERS * width / _WIDTH))
     figure.suptitle("\n".join(lines), x=0.01, ha="left")
     parts = figure.subfigures(math.ceil(len(groups) / columns), columns, squeeze=False)
@@ -454,7 +454,7 @@ def _largest_gaps(maps: Iterable[GapMap]) -> list[str | None]:
         if entry.estimate is not None:
             size = float(np.abs(entry.estimate.mean).max())
         largest[entry.stage] = max(size, largest.get(entry.stage, 0.0))
-    return sorted(largest, key=lambda stage: -largest[stage])[:_MOST_STAGES]
+    return sorted(largest, key=lambda stage: -largest[stage])[:_MAX_STAGES]
 
 
 def _title(diagnosis: Diagnosis) -> str:

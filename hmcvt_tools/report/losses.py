@@ -19,7 +19,7 @@ Balance = Mapping[str, Array]
 STROKES = np.linspace(-1.0, 1.0, 201)
 """Displacement ratios of the pictures [-]."""
 
-_SMALLEST_PART = 1e-3
+_SMALLEST_FRACTION = 1e-3
 """Of the largest loss: parts that never take more are not drawn, since no eye would see them."""
 
 
@@ -58,7 +58,7 @@ def worth_drawing(*balances: Balance) -> list[str]:
         for part, watts in balance.items():
             size = float(np.nanmax(np.abs(watts), initial=0.0))
             largest[part] = max(size, largest.get(part, 0.0))
-    smallest = _SMALLEST_PART * max(largest.values())
+    smallest = _SMALLEST_FRACTION * max(largest.values())
     parts = []
     for part in (*LOSSES, *sorted(largest.keys() - LOSSES.keys())):
         if part in largest and largest[part] >= smallest:
@@ -75,7 +75,7 @@ def scale(*balances: Balance) -> tuple[float, float]:
         low = min(low, float(np.minimum(stacked, 0.0).sum(axis=0).min()))
         high = max(high, float(np.maximum(stacked, 0.0).sum(axis=0).max()))
     high = high or 1.0
-    if -low <= _SMALLEST_PART * high:
+    if -low <= _SMALLEST_FRACTION * high:
         low = 0.0
     return 1.05 * low, 1.05 * high
 

@@ -20,7 +20,7 @@ from .style import BLUE, INK, ORANGE, SOFT, loss_style, render, styled, to_svg
 _COURSE_SIZE = (10.5, 14.0)  # in
 _FLOW_SIZE = (12.0, 8.0)
 _BARS_SIZE = (9.0, 4.0)
-_SMALLEST_PART = 0.01  # of the engine work: smaller parts are drawn as one
+_SMALLEST_FRACTION = 0.01  # of the engine work: smaller parts are drawn as one
 _SMALLEST_LOSS = 0.02  # of the largest loss at any step
 _GAP = 0.03  # of the height of the flow, between two bands at its end
 _OTHERS = "others, below 1 % each"
@@ -196,7 +196,7 @@ def draw_flow(figure: Any, mission: Mission) -> None:
 
 def _bands(mission: Mission) -> list[_Band]:
     """Return the branches: useful work first, then losses, the small ones as one."""
-    smallest = _SMALLEST_PART * mission.energy.engine
+    smallest = _SMALLEST_FRACTION * mission.energy.engine
     losses = _in_words(mission.energy.losses)
     bands = []
     for name, joules in _in_words(mission.energy.useful).items():

@@ -12,7 +12,7 @@ from hmcvt_core.transmission.ranges import RPM
 from .style import EFFICIENCY_COLOURS
 
 _LEVELS = 12
-_MOST_SPECIFIC = 400.0
+_MAX_SPECIFIC = 400.0
 """Most that a map distinguishes [g/kWh]: close to no load the specific fuel has no bound."""
 
 
@@ -27,7 +27,7 @@ def draw_engine(figure: Any, engine: Engine, ax: Any = None) -> None:
     axes = figure.subplots() if ax is None else ax
     specific = engine.specific_fuel
     # No torque has no specific fuel: it is drawn as the most.
-    shown = np.fmin(specific, _MOST_SPECIFIC)
+    shown = np.fmin(specific, _MAX_SPECIFIC)
     speed = np.repeat(engine.speed[:, None] / RPM, len(engine.load), axis=1)
     torque = engine.full_load[:, None] * engine.load
     colours = f"{EFFICIENCY_COLOURS}_r"

@@ -36,7 +36,7 @@ _BOTTOM = 0.04
 _SMALLEST_PICTURE = 0.14  # height; part of the sheet
 _LARGEST_PICTURE = 0.42
 _AROUND_PICTURE = 0.125  # heading, labels and caption
-_MOST_PARAMETERS = 8
+_MAX_PARAMETERS = 8
 """Base parameters on the sheet; the page has all."""
 
 CAPTION = (
@@ -147,7 +147,7 @@ def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.named is not None:
         lines += sizes(diagnosis.named)
     base = []
-    for name, estimate in list(diagnosis.parameters.items())[:_MOST_PARAMETERS]:
+    for name, estimate in list(diagnosis.parameters.items())[:_MAX_PARAMETERS]:
         base.append(f"{words.plain(name)} {_estimate_in_words(estimate)}")
     if base:
         lines.append(f"Base: {'; '.join(base)}")

@@ -33,7 +33,7 @@ _JUMP = 0.003
 SAME_POWER = 0.15
 """Tests within this part of the power of the picture are marked in it."""
 
-_MOST_NUMBERS = 30
+_MAX_NUMBERS = 30
 """Tests with their residual written at them; more numbers than that would overlap."""
 
 
@@ -190,7 +190,7 @@ def _draw_samples(
     samples = samples.select(shown)
     residual = 100.0 * (samples.efficiency - model.efficiency(*samples.points))
     ratio = model.output_speed(*samples.points) / samples.engine_speed
-    has_numbers = len(samples) <= _MOST_NUMBERS
+    has_numbers = len(samples) <= _MAX_NUMBERS
     axes.plot(
         samples.engine_speed / RPM,
         ratio,

@@ -27,27 +27,27 @@ _SUSPECTS = (
 )
 """Factors between units that are mixed up, and their names."""
 _SUSPECT_WIDTH = 0.03
-"""Part by which a ratio may miss a factor and still name it; chosen on development tables."""
+"""Fraction by which a ratio may miss a factor and still name it; chosen on development tables."""
 _AGREEMENT = 0.05
-"""Part by which two routes to one quantity may differ in the median: meters of a bench differ by
-1 % each, and lb ft for N m by 36 %."""
+"""Fraction by which two routes to one quantity may differ in the median: meters of a bench differ
+by 1 % each, and lb ft for N m by 36 %."""
 _FAR_APART = 0.1
-"""Part by which a single test differs when a meter failed; noise is a tenth of it."""
-_MOST_APART = 0.25
+"""Fraction by which a single test differs when a meter failed; noise is a tenth of it."""
+_MAX_APART = 0.25
 """Share of such tests from which the column is of another quantity."""
-_LEAST_TORQUE = 3.0
+_MIN_TORQUE = 3.0
 """Load torque in N m that some test of a bench exceeds; a tenth of an idling tractor."""
-_LEAST_PRESSURE = 1e6
+_MIN_PRESSURE = 1e6
 """Pressure in Pa that some test of a hydrostatic unit exceeds; its charge pressure is higher."""
-_LEAST_EFFICIENCY = 0.3
+_MIN_EFFICIENCY = 0.3
 """Median efficiency that a bench exceeds; a wrong unit by 9.55 or 10 makes 0.1 of 0.8."""
-_LEAST_ENGINE_SPEED = 60.0
+_MIN_ENGINE_SPEED = 60.0
 """Engine speed in rad/s that some test exceeds: 573 r/min, below the idle of a tractor's engine;
 turns per second stay below it."""
 _WIDEST_STEP = 3.0
 """Factor between neighbouring engine speeds of a bench; between r/min and rad/s it is larger."""
 _EVEN = 1.01
-"""Part of the usual step that a step of a grid has at most."""
+"""Fraction of the usual step that a step of a grid has at most."""
 _FRACTION = 0.0105
 """Largest stroke if a fraction is taken for percent, with 5 % for sensors beyond full stroke."""
 _NEUTRAL = 0.003
@@ -57,7 +57,7 @@ _LARGE = 0.105
 _FEWEST_IN_BLOCK = 3
 _HOTTEST_OIL = 130.0
 """Oil temperature in deg C that some test of a bench stays below; 54 deg C are 130 deg F."""
-_LEAST_STROKE = 0.0151
+_MIN_STROKE = 0.0151
 """Displacement ratio that some test exceeds; 1 in percent, and 1.5 % for sensors beyond it."""
 
 
@@ -96,7 +96,7 @@ def contradictions(
     if shafts is not None and not problems:
         way, efficiency = shafts
         ratio = _median_ratio(efficiency, both["efficiency"])
-        scattered = np.mean(_far_apart(efficiency, both["efficiency"])) > _MOST_APART
+        scattered = np.mean(_far_apart(efficiency, both["efficiency"])) > _MAX_APART
         if ratio is not None and (abs(np.log(ratio)) > _AGREEMENT or scattered):
             problems.append(_disagreement("efficiency", way, "its column", ratio))
     return problems
@@ -113,7 +113,7 @@ def contradicting_tests(values: Mapping[str, Array]) -> dict[int, str]:
         return {}
     way, efficiency = shafts
     apart = _far_apart(efficiency, values["efficiency"])
-    if np.mean(apart) > _MOST_APART:
+    if np.mean(apart) > _MAX_APART:
         return {}  # the whole column is of another quantity
     reasons = {}
     for index in np.flatnonzero(apart).tolist():
@@ -196,15 +196,15 @@ def implausible(
         confirmed: quantities whose size another column confirms.
     """
     limits = (
-        ("displacement_ratio", _LEAST_STROKE, "is it a fraction, not percent?"),
-        ("engine_speed", _LEAST_ENGINE_SPEED, "does it count turns per second?"),
-        ("load_torque", _LEAST_TORQUE, "is it in kN m, or 1.050 a thousand?"),
-        ("pressure", _LEAST_PRESSURE, "is it in bar or MPa?"),
+        ("displacement_ratio", _MIN_STROKE, "is it a fraction, not percent?"),
+        ("engine_speed", _MIN_ENGINE_SPEED, "does it count turns per second?"),
+        ("load_torque", _MIN_TORQUE, "is it in kN m, or 1.050 a thousand?"),
+        ("pressure", _MIN_PRESSURE, "is it in bar or MPa?"),
     )
     problems = []
     if "efficiency" in values and "efficiency" not in columns:
         middle = float(np.nanmedian(values["efficiency"]))
-        if middle < _LEAST_EFFICIENCY:
+        if middle < _MIN_EFFICIENCY:
             causes = causes_of_efficiency(values) or "units of two columns mixed up"
             problems.append(
                 f"efficiency by the shafts is {middle:.3g} in the middle: are {causes}?"
@@ -265,7 +265,7 @@ def _mixed_units(
     column = columns.get("efficiency")
     if column is not None and column.why.endswith("range"):
         middle = float(np.nanmedian(values["efficiency"]))
-        if middle < _LEAST_EFFICIENCY:
+        if middle < _MIN_EFFICIENCY:
             problems.append(
                 f"efficiency is {middle:.3g} in the middle, with {column.unit} taken for the "
                 f"unit of column {column.name!r}, which names none"

@@ -35,7 +35,7 @@ _SNIFFED = 150
 _ROWS_OF_KINDS = 3
 """Rows of text below the header of which one may hold units: channels, kinds of mean, units."""
 _RIVAL_SHEET = 0.6
-"""Part of the quantities of the best sheet from which another sheet is asked about."""
+"""Fraction of the quantities of the best sheet from which another sheet is asked about."""
 _CHANNEL = re.compile(
     r"[A-Za-z]{0,8}[ _-]?\d{1,4}|float\d*|double|real\d*|int\d*|num(eric)?",
     re.IGNORECASE,

@@ -32,11 +32,11 @@ other units, make larger ones."""
 _FASTEST = 1500.0
 """Speed of the fastest usual machine, an electric one of a vehicle [rad/s]."""
 _NO_LOAD = 0.01
-"""Part of the largest torque of a map below which a setting is one without load."""
-_MOST_WITHOUT_POWER = 0.5
+"""Fraction of the largest torque of a map below which a setting is one without load."""
+_MAX_WITHOUT_POWER = 0.5
 """Share of rows without power from which a meter may be dead instead."""
 _SAME_POWER = 0.02
-"""Part by which a torque differs from power / speed of its row at most, by rounding."""
+"""Fraction by which a torque differs from power / speed of its row at most, by rounding."""
 
 
 def rows_without_test(
@@ -99,14 +99,14 @@ def _without_power(
         if quantity not in columns:
             continue
         zero = values[quantity] == 0.0
-        if np.mean(zero) > _MOST_WITHOUT_POWER:
+        if np.mean(zero) > _MAX_WITHOUT_POWER:
             continue
         for index in np.flatnonzero(zero).tolist():
             reasons.setdefault(index, f"{quantity} is 0: no power passes")
     if "torque_loss" in columns and "engine_torque" in columns:
         torque = values["engine_torque"]
         used_up = (torque > 0.0) & (values["torque_loss"] >= torque)
-        if np.mean(used_up) <= _MOST_WITHOUT_POWER:
+        if np.mean(used_up) <= _MAX_WITHOUT_POWER:
             for index in np.flatnonzero(used_up).tolist():
                 reasons.setdefault(index, "the loss takes the whole torque")
     return reasons

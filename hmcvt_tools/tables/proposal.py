@@ -76,7 +76,7 @@ OPTIONAL = tuple(
 """Quantities that samples do without, and that do not make up the power."""
 _DECIMALS = ("--decimal point", "--decimal comma")
 _SAME = 1e-9
-"""Part by which one value in two units differs at most, by rounding of floating point."""
+"""Fraction by which one value in two units differs at most, by rounding of floating point."""
 _SAME_TIME = 0.5
 """Seconds by which two clocks of one recording differ at most."""
 _LONG_TABLE = 30

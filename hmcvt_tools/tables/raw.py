@@ -70,7 +70,7 @@ _FEWEST_EVEN = 2
 """Columns in equal steps from which a table is a computed curve and no recording."""
 _FEWEST_MATRIX_COLUMNS = 3
 """Numbers in a header from which it is that of a matrix."""
-_MOST_SHOWN = 20  # rows or names in one message
+_MAX_SHOWN = 20  # rows or names in one message
 
 
 class Imported(NamedTuple):
@@ -400,12 +400,12 @@ def _listed(rows: Sequence[int]) -> str:
         else:
             runs.append([row])
     texts = []
-    for run in runs[:_MOST_SHOWN]:
+    for run in runs[:_MAX_SHOWN]:
         if len(run) == 1:
             texts.append(str(run[0]))
         else:
             texts.append(f"{run[0]} to {run[-1]}")
-    if len(runs) > _MOST_SHOWN:
+    if len(runs) > _MAX_SHOWN:
         texts.append("and more")
     return ", ".join(texts)
 
@@ -516,9 +516,9 @@ def _lacking(columns: Mapping[str, Any], table: RawTable, notes: Sequence[str]) 
     if not hints:
         return f"no column is named for {', '.join(missing)}"
     names = list(table.columns)
-    shown = ", ".join(names[:_MOST_SHOWN])
-    if len(names) > _MOST_SHOWN:
-        shown += f" and {len(names) - _MOST_SHOWN} more"
+    shown = ", ".join(names[:_MAX_SHOWN])
+    if len(names) > _MAX_SHOWN:
+        shown += f" and {len(names) - _MAX_SHOWN} more"
     return (
         f"{table.source}: header in row {table.header_row}: {shown}; missing is "
         f"{', '.join(missing)}; {'; '.join(hints)}"
@@ -681,7 +681,7 @@ def _refuse_recording(table: RawTable, values: Mapping[str, Array]) -> list[str]
             "--averaged if each row is a steady test"
         )
     if recorded:
-        listed = ", ".join(map(repr, even[:_MOST_SHOWN]))
+        listed = ", ".join(map(repr, even[:_MAX_SHOWN]))
         return [f"each row is a test, not a reading: {listed} go in equal steps"]
     return []
 
@@ -751,12 +751,12 @@ def _refuse(problems: Sequence[str], table: RawTable) -> None:
 
 def _rows_message(left_out: Sequence[str]) -> str:
     more = ""
-    if len(left_out) > _MOST_SHOWN:
-        more = f"; and {len(left_out) - _MOST_SHOWN} more"
+    if len(left_out) > _MAX_SHOWN:
+        more = f"; and {len(left_out) - _MAX_SHOWN} more"
     count = ""
     if len(left_out) > 1:
         count = f"{len(left_out)} rows cannot be used (--skip-bad leaves them out): "
-    return f"{count}{'; '.join(left_out[:_MOST_SHOWN])}{more}"
+    return f"{count}{'; '.join(left_out[:_MAX_SHOWN])}{more}"
 
 
 def _bad_rows(

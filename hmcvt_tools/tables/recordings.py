@@ -42,7 +42,7 @@ _SWEPT = 100
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 _SPARSE = 0.5
 """Share of complete rows below which signals are joined by time."""
-_MOST_STEPS = 3.0
+_MAX_STEPS = 3.0
 """Steps of a signal across which it is interpolated; more is a gap."""
 
 
@@ -119,14 +119,14 @@ def even_columns(table: RawTable) -> list[str]:
         line = values[0] + step * np.arange(len(values))
         is_count = abs(step) == 1.0
         is_even = np.all(np.abs(values - line) <= digit)
-        if is_even and abs(step) > _LEAST_STEP * digit and not is_count:
+        if is_even and abs(step) > _MIN_STEP * digit and not is_count:
             names.append(name)
     return names
 
 
 _FORMATTED = 20
 """Cells by which the last digit of a column is judged."""
-_LEAST_STEP = 2.0
+_MIN_STEP = 2.0
 """Last digits that an even step has at least: rounding hides the noise of smaller ones."""
 
 
@@ -351,7 +351,7 @@ def _interpolated(time: Array, column: Array) -> Array:
     order = np.argsort(time[known], kind="stable")
     times = time[known][order]
     readings = column[known][order]
-    longest = _MOST_STEPS * max(_median_step(times), 1e-9)
+    longest = _MAX_STEPS * max(_median_step(times), 1e-9)
     after = np.clip(np.searchsorted(times, time), 1, len(times) - 1)
     close = times[after] - times[after - 1] <= longest
     inside = (time >= times[0]) & (time <= times[-1])

@@ -16,14 +16,14 @@ from hmcvt_core.transmission.ranges import Array
 from .proposal import Column, option
 
 _FEWEST_TESTS = 5
-_LEAST_SPREAD = 0.1
+_MIN_SPREAD = 0.1
 """Standard deviation of the logarithm of the speed ratio from which exchanged shafts show."""
-_LEAST_STROKES = 0.5
+_MIN_STROKES = 0.5
 """Range of strokes from which a line and its inverse differ."""
-_LEAST_CURVATURE = 0.005
-"""Part of the speed ratio that a curve must differ from a line by; slip is about as much."""
+_MIN_CURVATURE = 0.005
+"""Fraction of the speed ratio that a curve must differ from a line by; slip is about as much."""
 _BETTER = 0.5
-"""Part of the spread that is left when the right shafts are taken."""
+"""Fraction of the spread that is left when the right shafts are taken."""
 _PLAUSIBLE = (0.3, 1.0)
 """Efficiencies of a transmission at work."""
 _MOST = 0.9
@@ -31,12 +31,12 @@ _MOST = 0.9
 _COLD = 30.0
 """Degrees C from which the oil of a bench is warm, so that 0 and less are codes."""
 _FEWEST_FOR_ODD = 8
-_MOST_ODD = 3
+_MAX_ODD = 3
 """Tests that may be odd; more are of another stage, or no steady tests."""
-_MOST_ODD_SHARE = 0.15
+_MAX_ODD_SHARE = 0.15
 _ODD_DEVIATIONS = 8.0
-_LEAST_DEVIATION = 0.01
-"""Part of the middle speed ratio by which tests differ at least, by slip."""
+_MIN_DEVIATION = 0.01
+"""Fraction of the middle speed ratio by which tests differ at least, by slip."""
 
 
 def _speed_ratio(values: Mapping[str, Array]) -> Array | None:
@@ -81,7 +81,7 @@ def exchanged_shafts(
     ratio = _speed_ratio(values)
     if ratio is None or len(ratio) < _FEWEST_TESTS or not np.all(ratio > 0.0):
         return []
-    if np.std(np.log(ratio)) > _LEAST_SPREAD:
+    if np.std(np.log(ratio)) > _MIN_SPREAD:
         exchange = _steadier_exchange(values)
         if exchange:
             return [
@@ -174,11 +174,11 @@ def _inverse_line(
         columns: where the quantities stand.
         stage: its name; `""` where no column names it.
     """
-    if len(stroke) < _FEWEST_TESTS or np.ptp(stroke) < _LEAST_STROKES:
+    if len(stroke) < _FEWEST_TESTS or np.ptp(stroke) < _MIN_STROKES:
         return []
     forward = _distance_from_line(stroke, ratio)
     inverse = _distance_from_line(stroke, 1.0 / ratio)
-    if forward < _LEAST_CURVATURE or inverse > _BETTER * forward:
+    if forward < _MIN_CURVATURE or inverse > _BETTER * forward:
         return []
     engine = columns["engine_speed"]
     output = columns["output_speed"]
@@ -231,9 +231,9 @@ def _odd_in_stage(stroke: Array, ratio: Array, stage: str) -> dict[int, str]:
     if np.median(apart_inverse) < np.median(apart):
         line = inverse
         apart = apart_inverse
-    deviation = max(1.4826 * float(np.median(apart)), _LEAST_DEVIATION)
+    deviation = max(1.4826 * float(np.median(apart)), _MIN_DEVIATION)
     odd = np.flatnonzero(apart > _ODD_DEVIATIONS * deviation)
-    if len(odd) > min(_MOST_ODD, max(1.0, _MOST_ODD_SHARE * len(known))):
+    if len(odd) > min(_MAX_ODD, max(1.0, _MAX_ODD_SHARE * len(known))):
         return {}
     others = f"the other tests of {stage}" if stage else "the other tests"
     reasons = {}

@@ -47,7 +47,7 @@ _SUMMARY = _MEAN | frozenset(_SUMMARY_WORDS.split())
 _VALUE = frozenset(_VALUE_WORDS.split())
 _WEAK = frozenset(_WEAK_WORDS.split())
 _ALL = _SUMMARY | _VALUE | _WEAK | frozenset(_FILL_WORDS.split())
-_MOST_SUMMARIES = 8
+_MAX_SUMMARIES = 8
 """Rows at the end of a table that are compared with statistics of those above."""
 _FEWEST_ROWS = 3
 _FEWEST_NUMBERED = 5
@@ -56,7 +56,7 @@ _FEWEST_LACKING = 2
 """Columns whose last cells are empty from which the last rows are no tests."""
 _FEWEST_COLUMNS = 3
 _WIDTH = 2e-3
-"""Part of the spread of a column by which a statistic of it may be rounded."""
+"""Fraction of the spread of a column by which a statistic of it may be rounded."""
 _CHANCE = 1e-4
 """Probability from which rows meet statistics by chance; chosen on development tables."""
 _LARGEST_CHANCE = 0.02
@@ -106,7 +106,7 @@ def _without_number(name: str, cells: Sequence[str]) -> dict[int, str]:
     while numbered and not cells[numbered - 1]:
         numbered -= 1
     count = len(cells) - numbered
-    if numbered < _FEWEST_NUMBERED or not 0 < count <= _MOST_SUMMARIES:
+    if numbered < _FEWEST_NUMBERED or not 0 < count <= _MAX_SUMMARIES:
         return {}
     if list(cells[:numbered]) != [str(number) for number in range(1, numbered + 1)]:
         return {}
@@ -130,7 +130,7 @@ def _incomplete_at_the_end(table: RawTable) -> dict[int, str]:
             for index in range(last, height):
                 lacking[index] += 1
     count = sum(cells >= _FEWEST_LACKING for cells in lacking)
-    if not 0 < count <= _MOST_SUMMARIES:
+    if not 0 < count <= _MAX_SUMMARIES:
         return {}
     reason = "lacks cells in columns that all rows above fill"
     return dict.fromkeys(range(height - count, height), reason)
@@ -198,7 +198,7 @@ def _statistics_below(table: RawTable, kept: Sequence[int]) -> dict[int, str]:
         values = read_numbers(kept_cells, comma).values
         if np.isfinite(values).mean() > 0.5:
             columns.append(_Numbers(values, kept_cells, comma))
-    for count in range(min(_MOST_SUMMARIES, len(kept) - _FEWEST_ROWS), 0, -1):
+    for count in range(min(_MAX_SUMMARIES, len(kept) - _FEWEST_ROWS), 0, -1):
         first = len(kept) - count
         matches = [_match(columns, first, row) for row in range(first, len(kept))]
         chance = math.prod(match.chance for match in matches)

@@ -108,15 +108,15 @@ _RANGES = {
 _SIZED_SPEED = (
     15.0  # m/s, speed x displacement^(1/3): makers' limits lie between 3 and 10
 )
-_LEAST_PRESSURE = 1e6  # Pa: no unit's tests end below
+_MIN_PRESSURE = 1e6  # Pa: no unit's tests end below
 _AGREEMENT = 0.05
-"""Part by which flow and torque may differ from those of the efficiencies in the median: class A
-meters differ by 1 %, and a wrong unit or displacement by more."""
+"""Fraction by which flow and torque may differ from those of the efficiencies in the median:
+class A meters differ by 1 %, and a wrong unit or displacement by more."""
 _SAME_DISPLACEMENT = 1e-6
-"""Part by which the displacements of one unit at full stroke differ between rows at most."""
+"""Fraction by which the displacements of one unit at full stroke differ between rows at most."""
 _ABOVE_PLATE = 0.03
-"""Part by which a displacement found by test (Toet, ISO 8426) may exceed that of the plate; makers
-allow 2 to 3 %."""
+"""Fraction by which a displacement found by test (Toet, ISO 8426) may exceed that of the plate;
+makers allow 2 to 3 %."""
 
 
 def read_unit(
@@ -504,10 +504,10 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
             "they are strokes of one unit, state its displacement at full stroke: add "
             f"--displacement {_largest_displacement(cells, units)}"
         )
-    if (highest := values["pressure"].max()) < _LEAST_PRESSURE:
+    if (highest := values["pressure"].max()) < _MIN_PRESSURE:
         raise InputError(
             f"{cells.source}: the highest pressure is {highest:g} Pa, below "
-            f"{_LEAST_PRESSURE:g}: is it in bar or MPa? (pressure_bar)"
+            f"{_MIN_PRESSURE:g}: is it in bar or MPa? (pressure_bar)"
         )
     return values
 

@@ -30,7 +30,7 @@ TURNED_EFFECTS = {
     "-churning": 2.5,
     "-output_churning": 2.5,
 }
-_MOST_STALLED = 0.1  # share of the reference plan
+_MAX_STALLED = 0.1  # share of the reference plan
 
 
 def draw_effect(name: str, rng: np.random.Generator) -> Effect:
@@ -81,7 +81,7 @@ def size_effect(
 
     def miss(size: float) -> float:
         read = Plant(base, (sized(size),)).read(points, start=plain.state)
-        if np.mean(read.settled) < 1.0 - _MOST_STALLED:
+        if np.mean(read.settled) < 1.0 - _MAX_STALLED:
             return float("nan")
         return mean_shift(read.efficiency - plain.efficiency) - target
 

@@ -34,6 +34,6 @@ class TorqueSensor(Effect):
         if error == "zero":
             shown = torque + self.sense * 2.0 * self.size
         else:
-            bend = 0.95 + 0.05 * np.abs(torque) / 400.0
-            shown = torque * (1.0 + self.sense * 0.01 * self.size * bend)
+            form_error = 0.95 + 0.05 * np.abs(torque) / 400.0
+            shown = torque * (1.0 + self.sense * 0.01 * self.size * form_error)
         return (shown, output_torque) if meter == "engine" else (engine_torque, shown)

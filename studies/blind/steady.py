@@ -18,7 +18,7 @@ Rates = Callable[[FloatArray], FloatArray]
 _TOLERANCE = 1e-10
 _FIRST_STEP = 0.02
 _LAST_STEP = 1e9
-_MOST_STEPS = 40
+_MAX_STEPS = 40
 #: A point whose state exceeds this many times its scale has run away.
 _RUN_AWAY = 60.0
 
@@ -52,7 +52,7 @@ def settle(
     step = np.full(points, _FIRST_STEP)
     before = np.full(points, np.inf)
     identity = np.eye(size)
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         value, slopes = _jacobian(rates, state, scale)
         system = identity / step[:, None, None] - slopes
         change = np.linalg.solve(system, value.T[:, :, None])[:, :, 0].T

@@ -15,7 +15,7 @@ from studies.units.judge import units_of
 
 from .judge import (
     HALVES,
-    LEAST_BAND_REMOVED,
+    MIN_BAND_REMOVED,
     BandRun,
     Run,
     bands,
@@ -27,7 +27,7 @@ from .judge import (
 from .rig import is_rig, read_rig
 
 PARTS_BY_SETTING = 10.0 / 12.0
-"""Part of the settings at which the part and the form of the leak have to be right."""
+"""Fraction of the settings at which the part and the form of the leak have to be right."""
 
 
 @click.command("real")
@@ -112,9 +112,9 @@ def _band_goals(band_runs: Sequence[BandRun]) -> list[Goal]:
             Goal(
                 f"makers' units above 70 % of the largest pressure, {channel}: part of the "
                 "squared gap removed, median",
-                f">= {100 * LEAST_BAND_REMOVED:.0f} %",
+                f">= {100 * MIN_BAND_REMOVED:.0f} %",
                 f"{100 * middle:.0f} %",
-                middle >= LEAST_BAND_REMOVED,
+                middle >= MIN_BAND_REMOVED,
             )
         )
         goals.append(

@@ -15,18 +15,18 @@ from .rig import SOUND_COOLER, Mask, Rig
 
 HALVES = 20
 """Random divisions of the sound windows."""
-HELD_OUT_PART = 1.0 / 3.0
-"""Part of the changed windows that is held out."""
-LEAST_REMOVED = 0.8
-"""Part of the squared gap that a named change has to remove on held-out windows."""
-LEAST_BAND_REMOVED = 0.6
-"""Part of the squared gap to be removed in a held-out band of a unit, on the median."""
+HELD_OUT_FRACTION = 1.0 / 3.0
+"""Fraction of the changed windows that is held out."""
+MIN_REMOVED = 0.8
+"""Fraction of the squared gap that a named change has to remove on held-out windows."""
+MIN_BAND_REMOVED = 0.6
+"""Fraction of the squared gap to be removed in a held-out band of a unit, on the median."""
 TRUE_EFFECT = "orifice_leakage"
 """The leak of the rig is an orifice."""
 WRONG_PROBABILITY = 0.8
 """Probability from which a wrong part counts as stated."""
 BAND = 0.7
-"""Part of the largest pressure above which samples are held out."""
+"""Fraction of the largest pressure above which samples are held out."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class BandRun:
 
     @property
     def removed(self) -> float:
-        """Part of the squared error of the paper's terms that is removed."""
+        """Fraction of the squared error of the paper's terms that is removed."""
         return 1.0 - (self.served / self.base) ** 2
 
 
@@ -171,7 +171,7 @@ def _change(
     baseline: Mask,
     with_temperature: bool,
     seed: int,
-    held_out_part: float = HELD_OUT_PART,
+    held_out_part: float = HELD_OUT_FRACTION,
 ) -> UnitChange:
     rows = np.random.default_rng(seed).permutation(np.flatnonzero(changed))
     held_out = _mask(rig, rows[: round(held_out_part * len(rows))])
@@ -193,7 +193,7 @@ def _leak(kind: str, what: str, rig: Rig, faulty: Mask, sound: Mask) -> Run:
     in_sets = any(TRUE_EFFECT in item.effects for item in change.diagnosis.sets)
     right = change.component == "pump" and in_sets
     run = _run(kind, what, change, right)
-    enough = run.removed >= LEAST_REMOVED
+    enough = run.removed >= MIN_REMOVED
     return Run(**{**vars(run), "right": run.right and enough})
 
 

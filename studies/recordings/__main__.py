@@ -16,7 +16,7 @@ from hmcvt_tools.cli import main
 from .truth import Recording, random_recording
 
 TOLERANCE = 2e-3
-"""Part by which an efficiency may differ: noise of the readings, and steps of the bus."""
+"""Fraction by which an efficiency may differ: noise of the readings, and steps of the bus."""
 
 
 class Outcome(NamedTuple):

@@ -221,7 +221,7 @@ def _chance(chance: float) -> str:
 def cheaper(
     one: Summary, other: Summary, spent: list[int], elsewhere: list[int]
 ) -> float:
-    """Part of the resampled sets of seeds in which one spends less for each run that arrives."""
+    """Fraction of resampled sets of seeds in which one spends less for each run that arrives."""
     rng = np.random.default_rng(0)
     chosen = rng.integers(len(one.runs), size=(_RESAMPLED, len(one.runs)))
     costs = []

@@ -48,7 +48,7 @@ class Surface:
 
     @property
     def refused(self) -> float:
-        """Part of the range without an answer."""
+        """Fraction of the range without an answer."""
         return float(np.isnan(self.efficiency).mean())
 
 

@@ -17,7 +17,7 @@ from hmcvt_tools.estimation.rows import Rows
 from .bus import EPOCH, Faults, encode, write_trace
 from .drive import Array, Drive, Machine
 
-LEAST_POWER = 3e3
+MIN_POWER = 3e3
 """Output power from which a relative error is counted [W]."""
 _SLOW_SPEED = 0.02
 """Change of the engine speed within a second that is slow, a fraction."""
@@ -99,7 +99,7 @@ def scored(
     # Where the machine cannot carry the load, nothing is true.
     carried = np.isfinite(driven.engine_torque)[rows_of]
     true = np.where(carried, driven.output_power[rows_of], np.nan)
-    counted = np.isfinite(power) & (true > LEAST_POWER)
+    counted = np.isfinite(power) & (true > MIN_POWER)
     slow = counted & _slow(driven)[rows_of]
     with np.errstate(divide="ignore", invalid="ignore"):
         true_torque = true / driven.output_speed[rows_of]

@@ -27,7 +27,7 @@ LIMITS = {
 }
 """What is accepted."""
 FULL_STROKE = 1.0  # what is beyond is noise, and taken as this
-LEAST_LOAD = 1.0  # N m; below it coasts, and there is no efficiency
+MIN_LOAD = 1.0  # N m; below it coasts, and there is no efficiency
 TOPICS = tuple(LIMITS)
 STROKE, _, LOAD = TOPICS
 TAKEN, COASTING = f"{STROKE} taken as the limit", "points not answered, coasting"
@@ -58,7 +58,7 @@ _NONSENSE = (
 _EDGES = {
     **LIMITS,
     STROKE: (*LIMITS[STROKE], -FULL_STROKE, FULL_STROKE),
-    LOAD: (*LIMITS[LOAD], LEAST_LOAD),
+    LOAD: (*LIMITS[LOAD], MIN_LOAD),
 }
 
 
@@ -119,7 +119,7 @@ class Oracle:
         if not valid or None in point:
             return
         _, _, load = point
-        if load is not None and load < LEAST_LOAD:
+        if load is not None and load < MIN_LOAD:
             self.counts[COASTING] += 1
             return
         efficiency = float(self._model_efficiency(*point))
@@ -180,7 +180,7 @@ class InputFuzzer:
     def _silencing(self, topic: str) -> float:
         """Draw a value that has no answer: a load that coasts, or no number."""
         if topic == LOAD:
-            return float(self._random.uniform(LIMITS[LOAD][0], LEAST_LOAD))
+            return float(self._random.uniform(LIMITS[LOAD][0], MIN_LOAD))
         return float(self._random.choice(_NONSENSE[:4]))
 
     def _set(self, topic: str) -> None:

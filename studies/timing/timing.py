@@ -12,7 +12,7 @@ Times = Mapping[str, Sequence[float]]
 
 
 class Section(NamedTuple):
-    """Part of the page: its goals, and what its template names."""
+    """Fraction of the page: its goals, and what its template names."""
 
     goals: list[Goal]
     values: dict[str, Any]

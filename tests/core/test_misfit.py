@@ -39,7 +39,7 @@ def bench(model, n=96, seed=0, wave=0.0, stated=True, repeats=1):
 
 
 def coverage(model, tests):
-    """Part of tests that lie in the 95 % intervals."""
+    """Fraction of tests that lie in the 95 % intervals."""
     prediction = model.predict(*tests.points)
     off = np.abs(prediction.efficiency - tests.efficiency)
     return np.mean(off <= 1.96 * prediction.standard_error)

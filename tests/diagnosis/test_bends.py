@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""An effect as a bend of the forms of others, and readings that are rare without a gap."""
+"""An effect as a form error of the forms of others, and readings that are rare without a gap."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from hmcvt_core.diagnosis.analysis import Analysis
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
-from hmcvt_core.diagnosis.selection.explanation import explain, with_bends
+from hmcvt_core.diagnosis.selection.explanation import explain, with_form_errors
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
 from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
@@ -30,7 +30,7 @@ def explained(effects, **bench):
 def test_a_small_effect_may_be_a_bend_of_a_large_one():
     effects = (PressureLeakage(8e-11), StrokeLeakage(2e-12))
     both = explained(effects, speed_noise=None)
-    bent = {item.bend: item for item in with_bends(both)}
+    bent = {item.form_error: item for item in with_form_errors(both)}
     assert bent.keys() == {"pressure_leakage", "stroke_leakage"}
     likely = bent["stroke_leakage"]
     assert likely.names == ("pressure_leakage",)
@@ -44,8 +44,8 @@ def test_a_small_effect_may_be_a_bend_of_a_large_one():
 
 def test_a_torque_is_no_bend_of_a_leak_where_the_output_speed_tells():
     effects = (Churning(15.0), PressureLeakage(4e-11))
-    assert with_bends(explained(effects)) == []
-    assert len(with_bends(explained(effects, speed_noise=None))) == 2
+    assert with_form_errors(explained(effects)) == []
+    assert len(with_form_errors(explained(effects, speed_noise=None))) == 2
 
 
 def test_effect_without_a_size_has_no_bend():
@@ -53,7 +53,7 @@ def test_effect_without_a_size_has_no_bend():
     fit = both.fit
     theta = fit.theta.copy()
     theta[fit.hypothesis.size_indices] = 0.0
-    assert with_bends(replace(both, fit=replace(fit, theta=theta))) == []
+    assert with_form_errors(replace(both, fit=replace(fit, theta=theta))) == []
 
 
 def test_rare_readings_that_nothing_explains_are_no_gap():

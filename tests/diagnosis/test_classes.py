@@ -189,7 +189,7 @@ def test_a_class_is_a_cause(classes, verdict):
                     explained_fraction=lambda base_only: 1.0,
                     log_evidence=0.0,
                     discrepancy=None,
-                    bend="",
+                    form_error="",
                     absent=(),
                     served_fit=fit,
                 ),

@@ -11,7 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.results import text as words
-from hmcvt_core.diagnosis.settings import LEAST_TEST_GAIN
+from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,
@@ -357,7 +357,7 @@ def test_json_of_the_contract(name):
     assert (shrinkage["fraction"] is None) is (shrinkage["interval"] is None)
     for test in data["next_tests"]:
         assert test.keys() == {*AXES, "separates", "gain", "measure", "repeats"}
-        assert test["gain"] >= LEAST_TEST_GAIN
+        assert test["gain"] >= MIN_TEST_GAIN
         place = [test[axis] for axis in AXES]
         if test["displacement_ratio"] is None:
             assert place == [None, None, None]

@@ -95,7 +95,7 @@ def _eccentric(pump, motor, lifted):
 
 
 def _row_mesh(part):
-    """Part of the rolling power lost, of sun torque / 250 N m and rolling speed / 150 rad/s."""
+    """Fraction of the rolling power lost, of sun torque / 250 N m and rolling speed / 150 rad/s."""
     return _as_effect(
         planetary_loss=lambda state: (
             0.02

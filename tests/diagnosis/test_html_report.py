@@ -58,7 +58,7 @@ PAGES = (
 )
 SHEET_HEADINGS = ("Possible causes", "How far", "Next step", "Fit and files")
 LINK = "{http://www.w3.org/1999/xlink}href"
-LEAST_LETTER = 9.0  # px, font size of the smallest text in a figure
+MIN_LETTER = 9.0  # px, font size of the smallest text in a figure
 SCREEN_HEIGHT = 800  # px, at 1280 px
 PHONE_SCREENS_HEIGHT = 2 * 844  # px, at 390 px
 SCATTER = ExcessScatter(
@@ -501,7 +501,7 @@ def test_fits_a_screen_and_a_phone_without_overlaps(layout: Layout) -> None:
         faults = [seen[each] for each in ("beyond", "crossing", "clipped", "covered")]
         assert faults == [[], [], [], []], name
         assert seen["scroll"] <= seen["width"] and seen["figures"] >= 5, name
-        assert seen["smallest"] >= LEAST_LETTER, name
+        assert seen["smallest"] >= MIN_LETTER, name
         if not name.startswith("hostile"):
             is_wide = name.endswith("@1280")
             room = SCREEN_HEIGHT if is_wide else PHONE_SCREENS_HEIGHT

@@ -32,7 +32,7 @@ def _posterior(*sets):
             is_base_discrepancy=False,
             is_listed_set=not starred,
             absent=(),
-            scatters=False,
+            has_excess_noise=False,
             fit=SimpleNamespace(hypothesis=SimpleNamespace(reversed_sign=False)),
             explained_fraction=lambda bare, starred=starred: 0.5 if starred else 1.0,
         )

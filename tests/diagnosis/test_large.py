@@ -9,7 +9,7 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.preparation import prepare, spread_out
-from hmcvt_core.diagnosis.settings import MOST_SAMPLES
+from hmcvt_core.diagnosis.settings import MAX_SAMPLES
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 from tests.diagnosis.campaigns import BASE, NOISE, campaign, joined, with_column
@@ -18,11 +18,11 @@ from tests.diagnosis.campaigns import BASE, NOISE, campaign, joined, with_column
 def test_samples_are_kept_where_they_are_few():
     # A long dwell at one point, and a sweep of the whole range.
     dwell = campaign(seed=6, n=1).select(np.zeros(9000, dtype=int))
-    kept = spread_out(observe(joined(dwell, campaign(seed=5, n=600))), MOST_SAMPLES)
-    assert (len(kept), len(np.unique(kept))) == (MOST_SAMPLES, MOST_SAMPLES)
+    kept = spread_out(observe(joined(dwell, campaign(seed=5, n=600))), MAX_SAMPLES)
+    assert (len(kept), len(np.unique(kept))) == (MAX_SAMPLES, MAX_SAMPLES)
     assert (np.diff(kept) > 0).all()
     assert (kept >= 9000).sum() == 600, "all of the sweep"
-    even = spread_out(observe(campaign(seed=3, n=4000)), MOST_SAMPLES)
+    even = spread_out(observe(campaign(seed=3, n=4000)), MAX_SAMPLES)
     parts, _ = np.histogramdd(
         observe(campaign(seed=3, n=4000)).coordinates.T[even], bins=4
     )
@@ -45,7 +45,7 @@ def test_outliers_and_narrow_gaps():
         "1000 of 2970 samples are weighed, evenly spread over the operating points"
     ]
     assert (
-        len(base.observed) == MOST_SAMPLES
+        len(base.observed) == MAX_SAMPLES
         and not (base.observed.number % 100 == 0).any()
     )
     narrow = quiet.efficiency - 0.05 * (np.abs(quiet.engine_speed - 150.0) < 1.0)
@@ -64,7 +64,7 @@ def test_two_causes_in_many_samples_are_named():
     assert found.sets[0].effects == ("churning", "pressure_leakage")
     assert found.unlisted < 0.05
     assert (
-        found.gap.samples == len(found.samples) == len(found.residuals) == MOST_SAMPLES
+        found.gap.samples == len(found.samples) == len(found.residuals) == MAX_SAMPLES
     )
     assert found.gap.noise == pytest.approx(NOISE, rel=0.1)
     assert found.gap.rmse == pytest.approx(np.sqrt(np.mean(found.residuals**2)))

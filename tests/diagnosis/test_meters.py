@@ -9,7 +9,7 @@ import pytest
 from hmcvt_core import diagnose
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.benches.transmission.meters import (
-    LEAST_SESSION_SAMPLES,
+    MIN_SESSION_SAMPLES,
     ZERO_DEVIATION,
     sessions_of,
     with_meter_errors,
@@ -75,7 +75,7 @@ def test_only_several_sessions_are_numbered_and_the_physics_ignore_them():
     assert SESSION not in _observed(QUIET).points
     names = ["A"] * 10 + ["B"] * (len(QUIET) - 12) + ["C"] * 2
     observed = _observed(_in_sessions(QUIET, names))
-    assert LEAST_SESSION_SAMPLES > 2
+    assert MIN_SESSION_SAMPLES > 2
     assert observed.points[SESSION].tolist() == [
         {"A": 0.0, "B": 1.0, "C": -1.0}[name] for name in names
     ]

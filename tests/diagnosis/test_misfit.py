@@ -36,7 +36,7 @@ def error(model, tests):
 
 
 def coverage(model, tests):
-    """Part of tests that lie in the 95 % intervals."""
+    """Fraction of tests that lie in the 95 % intervals."""
     prediction = model.predict(*tests.points[:3])
     off = np.abs(prediction.efficiency - tests.efficiency)
     return np.mean(off <= 1.96 * prediction.standard_error)

@@ -13,11 +13,11 @@ from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.benches.transmission.channels import by_name
 from hmcvt_core.benches.transmission.system import (
     HIGHEST_PRESSURE,
-    LEAST_OUTPUT_PART,
+    MIN_OUTPUT_FRACTION,
 )
 from hmcvt_core.diagnosis.design import advice as wording
 from hmcvt_core.diagnosis.design.advice import NextTest
-from hmcvt_core.diagnosis.settings import LEAST_TEST_GAIN
+from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import (
@@ -46,7 +46,7 @@ def check(model, samples, tests):
     keys = [(key, test.measure) for key, test in zip(keys, tests, strict=True)]
     assert len(set(keys)) == len(keys), "no test is listed twice"
     for test in tests:
-        assert test.gain >= LEAST_TEST_GAIN
+        assert test.gain >= MIN_TEST_GAIN
         if test.point is None:
             assert test.measure
             assert test.repeats == 1
@@ -108,7 +108,7 @@ def test_candidates_keep_away_from_the_reversal():
     for number in np.unique(points["stage"]):
         usual = np.nanmedian(measured["output_speed"][points["stage"] == number])
         of_stage = predicted["output_speed"][possible["stage"] == number]
-        assert (of_stage * np.sign(usual) >= LEAST_OUTPUT_PART * abs(usual)).all()
+        assert (of_stage * np.sign(usual) >= MIN_OUTPUT_FRACTION * abs(usual)).all()
     highest = max(HIGHEST_PRESSURE, np.nanmax(measured["pressure"]))
     assert np.abs(predicted["pressure"]).max() <= highest
 

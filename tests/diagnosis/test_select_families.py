@@ -16,7 +16,7 @@ from hmcvt_core.diagnosis.selection.families import (
     log_prior_of_subset,
     select_families,
 )
-from hmcvt_core.diagnosis.settings import MOST_FAMILIES
+from hmcvt_core.diagnosis.settings import MAX_FAMILIES
 
 FAMILIES = 4
 OPTIONAL = np.arange(FAMILIES)
@@ -161,7 +161,7 @@ def test_no_more_families_than_the_most_are_added():
     columns = Columns(rng.standard_normal((2, 60, 13)), np.ones(13), group)
     target = _readings_of(columns, range(12), seed=3, size=5.0)
     selection = select_families(DOUBTED, columns, target, np.arange(12))
-    assert len(selection.families) == MOST_FAMILIES
+    assert len(selection.families) == MAX_FAMILIES
 
 
 def test_a_family_that_is_absent_costs_little():

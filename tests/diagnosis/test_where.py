@@ -13,7 +13,7 @@ from hmcvt_core.diagnosis.detection.regions import (
     covering_boxes,
 )
 from hmcvt_core.diagnosis.settings import (
-    LEAST_REGION_PART,
+    MIN_REGION_FRACTION,
     REGION_SAMPLES,
     REGION_SIGNIFICANCE,
 )
@@ -40,7 +40,7 @@ def test_regions_are_certain_and_large(name):
     means = [abs(region.mean_residual) for region in found.where]
     for region in found.where:
         assert region.p_value <= REGION_SIGNIFICANCE
-        assert abs(region.mean_residual) >= LEAST_REGION_PART * max(means)
+        assert abs(region.mean_residual) >= MIN_REGION_FRACTION * max(means)
         assert abs(region.mean_residual) >= 1e-3, "0.1 points"
         assert region.samples >= REGION_SAMPLES
         assert region.samples == inside(region, found.samples).sum()

@@ -10,7 +10,7 @@ import pytest
 
 from hmcvt_tools.cli.fleet import _Counter, _report
 from hmcvt_tools.fleet.summary import (
-    LEAST_LOGS,
+    MIN_LOGS,
     THRESHOLD,
     record,
     robust_scores,
@@ -45,7 +45,7 @@ def test_odd_part_of_a_fleet_does_not_hide_itself():
 @pytest.mark.parametrize(
     "values",
     [
-        [1.0] * (LEAST_LOGS - 2) + [9.0],  # too few
+        [1.0] * (MIN_LOGS - 2) + [9.0],  # too few
         [0.0] * 6 + [0.1, 0.2, 0.3, 0.4],  # most at a bound
         [0.1 + 1e-12 * i for i in range(12)],
     ],

@@ -342,7 +342,7 @@ def taken(path):
 
 
 def test_samples_beyond_what_may_wait_are_refused_and_told(path, taken, monkeypatch):
-    monkeypatch.setattr(recorder, "MOST_WAITING", 5)
+    monkeypatch.setattr(recorder, "MAX_WAITING", 5)
     taker, tally, warned = taken(100)
     go_on = threading.Event()
     taker.call(go_on.wait)  # a disk that takes its time

@@ -145,7 +145,7 @@ def start_often(folder):
 
 
 def test_all_recent_refits_can_be_reverted(paper_file, base, tmp_path, monkeypatch):
-    monkeypatch.setattr(model_store, "MOST_VERSIONS", 25)
+    monkeypatch.setattr(model_store, "MAX_VERSIONS", 25)
     store = ModelStore(paper_file, tmp_path)
     served = [refit(store, 1e-12 + number * 1e-15) for number in range(2)]
     start_often(tmp_path)

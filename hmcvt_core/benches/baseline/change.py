@@ -33,13 +33,15 @@ from .growth import Growth
 
 VISIBLE_DIFFERENCE = 9.0
 """Squared deviations by which two curves must differ to be distinguished: three deviations."""
-MOST_DIFFERENCE = 0.5
+MAX_DIFFERENCE = 0.5
 """Largest part of a signature by which two curves may differ and count as one; half of it."""
-NEGLIGIBLE_PART = 0.3
+NEGLIGIBLE_FRACTION = 0.3
 """Standard deviation of a direction of the sound prediction, in deviations of a reading, below
 which it counts as independent noise. Its square is one percent of that of the reading."""
-MOST_DIRECTIONS = 60
-"""Most directions of uncertainty of one channel that are refitted; the rest counts as noise.
+MAX_DIRECTIONS = 60
+"""Maximum number of directions of uncertainty of one channel that are refitted.
+
+The rest counts as noise.
 
 Limit of computing time.
 """
@@ -276,7 +278,7 @@ def _directions(covariance: Array, deviation: Array) -> Array:
     scaled = covariance / np.outer(deviation, deviation)
     values, vectors = np.linalg.eigh(scaled)
     # A direction counts by the squared deviations that it makes in all readings together.
-    kept = np.flatnonzero(values > NEGLIGIBLE_PART**2)[-MOST_DIRECTIONS:]
+    kept = np.flatnonzero(values > NEGLIGIBLE_FRACTION**2)[-MAX_DIRECTIONS:]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]) * deviation[:, None])
 
 
@@ -348,7 +350,7 @@ def _allowed_difference(base: Fit, curves: Mapping[str, Array]) -> float:
         curves: unit vectors of each effect, shape (forms, m).
     """
     residuals = base.project_out(base.whitened[None])[0]
-    largest = VISIBLE_DIFFERENCE / MOST_DIFFERENCE
+    largest = VISIBLE_DIFFERENCE / MAX_DIFFERENCE
     for of_forms in curves.values():
         largest = max(largest, float(np.max((of_forms @ residuals) ** 2)))
     return max(VISIBLE_DIFFERENCE / largest, FORM_ALLOWANCE**2)

@@ -19,20 +19,20 @@ from ...errors import InputError
 from ...physics.remainder import LeftOut
 from .change import CLASS_TO_DRIFT, Change, SoundMachine, with_sound_uncertainty
 
-CONTROL_PART = 0.25
-"""Part of the sound samples that is left out as a control.
+CONTROL_FRACTION = 0.25
+"""Fraction of the sound samples that is left out as a control.
 
 A fifth to a third is the usual range of a holdout.
 """
-LEAST_CONTROL = 6
-"""Least samples of a control: as many as a diagnosis needs with one parameter more than tests."""
-LEAST_FITTED = 10
-"""Least sound samples that are fitted: two for each physical term of a channel."""
-LEAST_SOUND = LEAST_CONTROL + LEAST_FITTED
-"""Least samples of a baseline."""
+MIN_CONTROL = 6
+"""Minimum number of samples of a control: as many as a diagnosis with one parameter needs."""
+MIN_FITTED = 10
+"""Minimum number of sound samples that are fitted: two for each physical term of a channel."""
+MIN_SOUND = MIN_CONTROL + MIN_FITTED
+"""Minimum number of samples of a baseline."""
 
-THIN_PART = 0.8
-"""Part of the squared deviation of a reading about the sound prediction that is the baseline's,
+THIN_FRACTION = 0.8
+"""Fraction of the squared deviation of a reading about the sound prediction that is the baseline's,
 above which the baseline is too thin: its prediction is then known half as well as a reading.
 """
 NORMAL_MEDIAN = 0.6745
@@ -88,12 +88,12 @@ def control_and_rest(samples: Any, seed: int) -> tuple[Index, Index]:
         InputError: there are too few.
     """
     n = len(samples)
-    if n < LEAST_SOUND:
+    if n < MIN_SOUND:
         raise InputError(
             f"{samples.source}: {n} samples are too few for a baseline; at least "
-            f"{LEAST_SOUND} are needed, {LEAST_FITTED} to fit and {LEAST_CONTROL} as a control"
+            f"{MIN_SOUND} are needed, {MIN_FITTED} to fit and {MIN_CONTROL} as a control"
         )
-    count = max(LEAST_CONTROL, round(CONTROL_PART * n))
+    count = max(MIN_CONTROL, round(CONTROL_FRACTION * n))
     order = np.random.default_rng(seed).permutation(n)
     return np.sort(order[:count]), np.sort(order[count:])
 
@@ -143,7 +143,7 @@ class Excess:
     @property
     def is_thin(self) -> bool:
         """Whether the baseline is too thin to show a change that single readings would show."""
-        return self.sound_part > THIN_PART
+        return self.sound_part > THIN_FRACTION
 
 
 def excess_of(machine: SoundMachine, observed: Observations, seed: int) -> Excess:

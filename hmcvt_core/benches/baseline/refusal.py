@@ -17,8 +17,8 @@ from ...diagnosis import Diagnosis
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.wording import plain
 
-BOUND_PART = 1e-3
-"""Part of the range of a size within which it counts as at its bound; chosen.
+BOUND_FRACTION = 1e-3
+"""Fraction of the range of a size within which it counts as at its bound; chosen.
 
 A refit ends at a bound to about 1e-6 of the range.
 """
@@ -204,7 +204,7 @@ def _contradicting_size(effects: Sequence[Any]) -> str | None:
     for effect in effects:
         size = effect.sizes()[0]
         value = effect.values()[size.name]
-        near = BOUND_PART * (size.high - size.low)
+        near = BOUND_FRACTION * (size.high - size.low)
         if abs(value) < NEGLIGIBLE_SIZE * abs(size.typical):
             return f"the size of {plain(effect.name)} is zero"
         at_low = size.low != 0.0 and value < size.low + near

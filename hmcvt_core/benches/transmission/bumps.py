@@ -16,14 +16,14 @@ from ...physics.effects.empirical import EmpiricalLoss
 from ...transmission.ranges import OperatingPoints
 from .channels import AXES, OIL_TEMPERATURE, STAGE
 
-MOST_BUMPS = 48
-"""Most bumps of a model. Limit of computing time of the served model."""
-LEAST_BUMPS = 6
+MAX_BUMPS = 48
+"""Maximum number of bumps of a model. Limit of computing time of the served model."""
+MIN_BUMPS = 6
 """Bumps of a stage at least, if it has as many samples."""
 WIDTHS = (0.15, 0.25, 0.4, 0.6)
 """Widths that are tried, as parts of the range of each axis."""
 RIDGE = 1e-4
-"""Part of the mean square of a column that is added to the diagonal against rounding."""
+"""Fraction of the mean square of a column that is added to the diagonal against rounding."""
 NEGLIGIBLE = 2e-4
 """Difference of the efficiency below which a model needs no bump [-]; chosen, 0.02 points."""
 
@@ -48,7 +48,7 @@ def with_bumps(
     """
     number = points.get(STAGE.name, np.zeros(len(wanted))).astype(int)
     present = np.unique(number[:samples])
-    most = max(MOST_BUMPS // len(present), LEAST_BUMPS)
+    most = max(MAX_BUMPS // len(present), MIN_BUMPS)
     effects: list[EmpiricalLoss] = []
     for i in present:
         rows = np.flatnonzero(number == i)
@@ -103,7 +103,7 @@ def _bumps_of(
     target = wanted[rows]
     usable = np.isfinite(predicted) & np.isfinite(target) & (target > 0.0)
     usable &= predicted > 0.0
-    if usable.sum() < LEAST_BUMPS or rms((target - predicted)[usable]) < NEGLIGIBLE:
+    if usable.sum() < MIN_BUMPS or rms((target - predicted)[usable]) < NEGLIGIBLE:
         return []
     load = axes[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -34,8 +34,8 @@ COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
 FEWEST_CHANGED = 5
 """Fewest samples of the changed transmission, as of any diagnosis."""
-BEYOND_PART = 0.05
-"""Part of the range of an axis by which samples may exceed the baseline unsaid."""
+BEYOND_FRACTION = 0.05
+"""Fraction of the range of an axis by which samples may exceed the baseline without a warning."""
 
 
 def diagnose_change(
@@ -182,7 +182,7 @@ def _extrapolation_notes(sound: SoundTransmission, samples: BenchSamples) -> lis
     for name in ("displacement_ratio", "engine_speed", "load_torque"):
         known = getattr(sound.samples, name)
         values = getattr(samples, name)
-        margin = BEYOND_PART * (known.max() - known.min())
+        margin = BEYOND_FRACTION * (known.max() - known.min())
         beyond = (values < known.min() - margin) | (values > known.max() + margin)
         if beyond.any():
             notes.append(

@@ -32,8 +32,8 @@ ASSUMED_NOISE_LOG_DEVIATION = 0.7
 """Prior of the log of the factor of the noise, stated (JCGM 100:2008, table E.1) or assumed."""
 LOG_BOUNDS = 3.0
 """Prior deviations within which each logarithm is sought."""
-MOST_FITTED = 150
-"""Most samples that lengths and deviation are fitted to. Limit of computing time."""
+MAX_FITTED = 150
+"""Maximum number of samples that lengths and deviation are fitted to. Limit of computing time."""
 JITTER = 1e-10
 
 
@@ -109,7 +109,7 @@ def fit_gaussian_process(
     from scipy.optimize import minimize
 
     axes, n = coordinates.shape
-    rows = np.unique(np.linspace(0, n - 1, min(n, MOST_FITTED)).astype(int))
+    rows = np.unique(np.linspace(0, n - 1, min(n, MAX_FITTED)).astype(int))
     apart = (coordinates[:, rows, None] - coordinates[:, None, rows]) ** 2
     same = stage[rows, None] == stage[rows]
     target = values[rows]

@@ -54,11 +54,11 @@ SESSION_PAUSE = 1800.0
 """Pause between two samples that begins a session at least [s]: a bench cools within it."""
 SESSION_PAUSE_RATIO = 10.0
 """Ratio of that pause to the median time between samples: a slow plan is no pause."""
-LEAST_SESSION_SAMPLES = 3
+MIN_SESSION_SAMPLES = 3
 """Samples from which a session has errors of its own; fewer cannot tell them from noise."""
 LOAD_STEP = 1e-3
 """Step of the derivative by the load, as a part of it."""
-MOST_SESSIONS = 12
+MAX_SESSIONS = 12
 """Sessions with errors of their own; further ones share those of the last. Limit of time."""
 
 
@@ -115,7 +115,7 @@ def sessions_of(samples: BenchSamples) -> Sessions:
     else:
         zeros = np.zeros(n)
         return Sessions(np.zeros(n, dtype=np.intp), 1, zeros, zeros)
-    index = np.minimum(index, MOST_SESSIONS - 1)
+    index = np.minimum(index, MAX_SESSIONS - 1)
     count = int(index.max()) + 1
     if not names:
         names = tuple(str(number + 1) for number in range(count))
@@ -174,7 +174,7 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
         inside = sessions.index == session
-        if inside.sum() < LEAST_SESSION_SAMPLES:
+        if inside.sum() < MIN_SESSION_SAMPLES:
             continue
         number[inside] = session
         name = sessions.names[session]

@@ -15,7 +15,7 @@ from ...model.staged_samples import stage_of_each
 from ...transmission import ranges
 from .channels import AXES, CHANNELS, EFFICIENCY_CHANNEL, OIL_TEMPERATURE, STAGE
 
-LEAST_DEVIATION = 1e-5
+MIN_DEVIATION = 1e-5
 """Smallest standard deviation of an efficiency that is believed [-]: meters resolve no less."""
 _ASSUMED_NOISE = "assumed, 1.12 % (paper, eq. (3))"
 
@@ -40,7 +40,7 @@ def observe(
     axes, points = _operating_points(samples, stages)
     stated = samples.efficiency_std
     if stated is not None:
-        stated = np.maximum(stated, LEAST_DEVIATION)
+        stated = np.maximum(stated, MIN_DEVIATION)
     efficiency_deviation, efficiency_dof, source = noise_statement(
         EFFICIENCY_CHANNEL, samples.efficiency, noise, stated, axes, points
     )

@@ -67,8 +67,8 @@ The evidence speaks for a set that is named. An average without a named cause ma
 the errors of meters of one campaign: where it removed less than half, half of the models were worse
 on fresh tests. With a named set in it, no average that removed a third more was worse.
 """
-MOST_SAMPLES = 300
-"""Most samples that a Gaussian process is conditioned on. Limit of computing time."""
+MAX_SAMPLES = 300
+"""Maximum number of samples that a Gaussian process is conditioned on. Limit of computing time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +328,7 @@ class _Campaign:
     def _conditioned(self) -> NDArray[np.intp]:
         """Samples that the process is conditioned on, evenly picked if there are many."""
         n = len(self.observed)
-        return np.unique(np.linspace(0, n - 1, min(n, MOST_SAMPLES)).astype(int))
+        return np.unique(np.linspace(0, n - 1, min(n, MAX_SAMPLES)).astype(int))
 
     @cached_property
     def _residuals(self) -> Array:

@@ -41,9 +41,9 @@ from .readings import observe
 from .system import Transmission
 
 SOUND_AXES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
-LEAST_RANGE_PART = 0.2
-"""Least range of speed and load for the remainder, as a part of the largest value."""
-LEAST_WIDTHS = {
+MIN_RANGE_FRACTION = 0.2
+"""Minimum range of speed and load for the remainder, as a part of the largest value."""
+MIN_WIDTHS = {
     DISPLACEMENT_RATIO.name: 0.5,
     OIL_TEMPERATURE.name: 20.0,
     STAGE.name: 1.0,
@@ -233,7 +233,7 @@ def fit_sound_transmission(
             noise=observed.deviation[i],
             smooth_deviation=scale,
             nonnegative=np.zeros(len(spread), dtype=bool),
-            least_width=_least_widths(observed.points),
+            min_width=_min_widths(observed.points),
             order=np.arange(float(len(index))),
             noise_stated=not observed.assumed,
         )
@@ -286,14 +286,14 @@ def _stacked(points: Points) -> Array:
     return np.stack(np.broadcast_arrays(*rows), axis=1)
 
 
-def _least_widths(points: Points) -> Array:
+def _min_widths(points: Points) -> Array:
     """Return the least range by which each axis is scaled, shape (axes,)."""
     widths = []
     for axis in SOUND_AXES:
         if axis.name not in points:
             continue
         largest = float(np.abs(points[axis.name]).max())
-        widths.append(LEAST_WIDTHS.get(axis.name, LEAST_RANGE_PART * largest))
+        widths.append(MIN_WIDTHS.get(axis.name, MIN_RANGE_FRACTION * largest))
     return np.array(widths)
 
 

@@ -46,13 +46,13 @@ CANDIDATE_STROKES = 9
 CANDIDATE_SPEEDS = 6
 CANDIDATE_LOADS = 6
 """Grid of candidate tests along each axis; chosen on development campaigns."""
-MOST_VALUES = 2048
+MAX_VALUES = 2048
 """Values of one quantity that are solved together; more leave the cache of the processor."""
-LEAST_POWER = 4e3
+MIN_POWER = 4e3
 """Output power below which benches read the efficiency poorly [W]; chosen for candidate tests."""
 
-LEAST_OUTPUT_PART = 0.1
-"""Part of the usual output speed of a stage below which a test is too near the reversal.
+MIN_OUTPUT_FRACTION = 0.1
+"""Fraction of the usual output speed of a stage below which a test is too near the reversal.
 
 Source: chosen. Where the output nearly stands still, small errors of the stroke decide its sign.
 """
@@ -126,7 +126,7 @@ class Transmission:
 
     def predict_cases(self, cases: Sequence[Case], points: Points) -> Array:
         """Return the readings of many cases, as `predict` those of one; (cases, channels, n)."""
-        at_once = max(1, MOST_VALUES // max(1, len(points[ENGINE_SPEED.name])))
+        at_once = max(1, MAX_VALUES // max(1, len(points[ENGINE_SPEED.name])))
         parts = []
         for start in range(0, len(cases), at_once):
             parts.append(self._solved(cases[start : start + at_once], points))
@@ -190,7 +190,7 @@ class Transmission:
         usable = (
             ranges.EFFICIENCY.contains(predicted["efficiency"])
             & (np.abs(predicted["pressure"]) <= highest)
-            & (output_speed >= LEAST_OUTPUT_PART * np.abs(usual))
+            & (output_speed >= MIN_OUTPUT_FRACTION * np.abs(usual))
         )
         return {name: values[usable] for name, values in possible.items()}
 
@@ -293,8 +293,8 @@ def _grid(points: Points) -> dict[str, Array]:
     parts = np.linspace(0.0, 1.0, CANDIDATE_LOADS)
     grid = np.meshgrid(strokes, speeds, parts, indexing="ij")
     stroke, speed, part = (values.ravel() for values in grid)
-    lowest = np.maximum(LEAST_POWER / speed, ranges.LOAD_TORQUE.low)
-    highest = max(points[LOAD_TORQUE.name].max(), 2.0 * LEAST_POWER / speed.min())
+    lowest = np.maximum(MIN_POWER / speed, ranges.LOAD_TORQUE.low)
+    highest = max(points[LOAD_TORQUE.name].max(), 2.0 * MIN_POWER / speed.min())
     possible = {
         name: np.full(len(speed), np.median(values)) for name, values in points.items()
     }

@@ -33,7 +33,7 @@ from .sound import (
 from .system import CHANNEL_UNITS
 
 SAME_DISPLACEMENT = 0.02
-"""Part by which the displacements of both files may differ.
+"""Fraction by which the displacements of both files may differ.
 
 The displacement of a unit is known to about one percent (ISO 8426); sizes of makers differ by more.
 """
@@ -42,9 +42,9 @@ LARGEST_SOUND_LOSS = 0.25
 
 Makers state volumetric efficiencies of 0.85 to 0.98 at rated pressure.
 """
-BEYOND_PART = 0.05
-SAME_SPEED_PART = 0.01
-"""Parts of the range and of the largest value by which samples may exceed the baseline unsaid."""
+BEYOND_FRACTION = 0.05
+SAME_SPEED_FRACTION = 0.01
+"""Fractions of range and largest value by which samples may exceed the baseline unwarned."""
 FEWEST_CHANGED = 5
 """Fewest samples of the changed unit, as of any diagnosis."""
 
@@ -326,7 +326,7 @@ def _extrapolation_notes(sound: SoundUnit, samples: UnitSamples) -> list[str]:
     for name, word in (("pressure", "pressure"), ("speed", "speed")):
         known = getattr(sound.samples, name)
         values = getattr(samples, name)
-        margin = BEYOND_PART * np.ptp(known) + SAME_SPEED_PART * known.max()
+        margin = BEYOND_FRACTION * np.ptp(known) + SAME_SPEED_FRACTION * known.max()
         beyond = (values < known.min() - margin) | (values > known.max() + margin)
         if beyond.any():
             notes.append(

@@ -33,13 +33,13 @@ from .system import (
 DEALS = 8
 """Parts of the samples; each is left out once to test whether the same set of causes leads."""
 STEADY = 0.75
-"""Part of the deals that must lead to the same set; chosen on simulated units (docs/units.md)."""
+"""Fraction of the folds that must lead to the same set; chosen on simulated units."""
 REFERENCE_DISPLACEMENT = "reference_displacement"
 """Effect: the displacement stated in the table is not that of the unit."""
 FEWEST_AT_HIGH_PRESSURE = 3
 """Samples with the smallest mechanical loss whose mean is compared with the paper's friction."""
 HIGH_PRESSURE = 0.5
-"""Part of the largest pressure above which friction makes up most of the torque loss."""
+"""Fraction of the largest pressure above which friction makes up most of the torque loss."""
 
 
 @dataclass(frozen=True, eq=False)

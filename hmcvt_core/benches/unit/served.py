@@ -37,8 +37,8 @@ from .system import (
 
 FOLDS = 4
 """Random parts of the samples; each is predicted from the others."""
-BAND_PART = 0.2
-"""Part of the samples at either end of an axis that is predicted from the rest: a fifth."""
+BAND_FRACTION = 0.2
+"""Fraction of the samples at either end of an axis that is predicted from the rest: a fifth."""
 HIGH = "high"
 LOW = "low"
 SIDES = (HIGH, LOW)
@@ -53,7 +53,7 @@ FARTHEST_POWER = 6
 
 A band that a point lies beyond outweighs those in which it only lies.
 """
-LEAST_FITTED = 10
+MIN_FITTED = 10
 """Fewest samples from which a band is predicted: two for each term of a loss."""
 SUM_WEIGHT = 1e3
 """Weight of the condition that weights sum to one, against errors of size one."""
@@ -256,12 +256,12 @@ def _band_rows(samples: UnitSamples, axis: Axis, side: str) -> NDArray[np.intp] 
     values = getattr(samples, axis.name)
     # Tests of one grid value stay together, whatever their last digits.
     if side == HIGH:
-        limit = np.quantile(values, 1.0 - BAND_PART) - axis.tolerance
+        limit = np.quantile(values, 1.0 - BAND_FRACTION) - axis.tolerance
         is_left_out = values >= limit
     else:
-        limit = np.quantile(values, BAND_PART) + axis.tolerance
+        limit = np.quantile(values, BAND_FRACTION) + axis.tolerance
         is_left_out = values <= limit
-    if np.sum(~is_left_out) < LEAST_FITTED:
+    if np.sum(~is_left_out) < MIN_FITTED:
         return None
     return np.flatnonzero(is_left_out)
 

@@ -88,7 +88,7 @@ TORQUE_TERMS: tuple[Effect, ...] = (
 DISPLACEMENT_DEVIATION = 0.01
 """Prior deviation of displacement / stated displacement - 1; ISO 8426 reaches about one percent."""
 MOTOR_LOSS = 1.0 / 0.88 - 1.0
-"""Part by which the electric power exceeds that of the shaft.
+"""Fraction by which the electric power exceeds that of the shaft.
 
 IEC 60034-30-1: nominal efficiency of 0.84 to 0.92 for IE2 motors of 2 to 30 kW.
 """
@@ -116,14 +116,14 @@ Leakage follows viscosity with a power between -1 in gaps and 0 in orifices.
 """
 CONSTANT_POWER = 500.0
 """Prior deviation of a power that an electric motor takes at no load [W]; assumed."""
-VARIED_PART = 0.15
-"""Part of the largest value of an axis by which it has to vary to show a form along it.
+VARIED_FRACTION = 0.15
+"""Fraction of the largest value of an axis by which it has to vary to show a form along it.
 
 At 0.15 a linear and a square form differ by a few percent, about what forms of effects err.
 """
-LEAST_RANGE_PART = 0.2
-"""Least range of stroke, speed and pressure for the remainder, as a part of the largest value."""
-LEAST_TEMPERATURE_RANGE = 20.0
+MIN_RANGE_FRACTION = 0.2
+"""Minimum range of stroke, speed and pressure for the remainder, as a part of the largest value."""
+MIN_TEMPERATURE_RANGE = 20.0
 """The same of the oil temperature [K]: about as much halves the viscosity of a mineral oil."""
 NEEDED_AXES: Mapping[type[Effect], str] = MappingProxyType(
     {
@@ -419,7 +419,7 @@ def fit_sound_unit(
             noise=_reading_deviation(samples, channel.name),
             smooth_deviation=CLASS_TO_DRIFT * channel.misfit_spread,
             nonnegative=nonnegative,
-            least_width=_least_widths(points),
+            min_width=_min_widths(points),
             order=np.arange(float(len(samples))),
             noise_stated=samples.noise is not None,
         )
@@ -521,7 +521,7 @@ def varied_axes(samples: UnitSamples) -> list[str]:
         values = getattr(samples, axis.name)
         if values is None:
             continue
-        if np.ptp(values) > VARIED_PART * np.abs(values).max():
+        if np.ptp(values) > VARIED_FRACTION * np.abs(values).max():
             varied.append(axis.name)
     return varied
 
@@ -534,7 +534,7 @@ def _stacked(points: Points) -> Array:
     return np.stack([points[axis.name] for axis in UNIT_AXES if axis.name in points], 1)
 
 
-def _least_widths(points: Points) -> Array:
+def _min_widths(points: Points) -> Array:
     """Return the least range by which each axis is scaled, shape (axes,).
 
     A remainder does not bend within a small part of the working range, however little of it the
@@ -545,9 +545,9 @@ def _least_widths(points: Points) -> Array:
         if axis.name not in points:
             continue
         if axis.name == OIL_TEMPERATURE.name:
-            widths.append(LEAST_TEMPERATURE_RANGE)
+            widths.append(MIN_TEMPERATURE_RANGE)
         else:
-            widths.append(LEAST_RANGE_PART * float(np.abs(points[axis.name]).max()))
+            widths.append(MIN_RANGE_FRACTION * float(np.abs(points[axis.name]).max()))
     return np.maximum(np.array(widths), 1e-12)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...files import preformatted
 from ..selection.search import Names
-from ..settings import LEAST_TEST_GAIN
+from ..settings import MIN_TEST_GAIN
 from ..system import Axis
 from ..wording import listed, probability, wrapped
 from .classes import EffectClass, merge_sets, with_probabilities
@@ -133,7 +133,7 @@ class Advice:
         separates = self.parted or (named(first), named(second))
         shares = {named(names): share for names, share in self.candidates}
         gain = _information_of_two(*(shares.get(name, 0.0) for name in separates))
-        if gain < LEAST_TEST_GAIN:
+        if gain < MIN_TEST_GAIN:
             return self.tests
         return (*self.tests, NextTest(None, separates, gain, self.measure))
 

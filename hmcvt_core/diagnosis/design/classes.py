@@ -34,8 +34,8 @@ from ..settings import (
 from ..system import Array, Effect, forms_of
 from ..wording import listed, plain, probability
 
-CLASS_PART = 0.01
-"""Part of its squared change that an effect may keep against another one of its class.
+CLASS_FRACTION = 0.01
+"""Fraction of its squared change that an effect may keep against another one of its class.
 
 Source: the changes then differ by at most a tenth. Of the pairs of effects on the shipped layouts
 those that are alike differ by at most 0.05 of the change, the next ones by 0.13.
@@ -293,7 +293,7 @@ def _imitates(change: Array, ways: Array, imitator: _Fitted) -> bool:
     squares = np.maximum(np.sum(ways**2, axis=1), np.finfo(float).tiny)
     within = (ways @ change / squares).clip(low, high)
     left = np.sum((change - within[:, None] * ways) ** 2, axis=1).min()
-    limit = min(DECISIVE_SQUARED_DEVIATIONS, CLASS_PART * np.sum(change**2))
+    limit = min(DECISIVE_SQUARED_DEVIATIONS, CLASS_FRACTION * np.sum(change**2))
     return bool(left < limit)
 
 

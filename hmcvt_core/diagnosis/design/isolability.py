@@ -23,7 +23,7 @@ from ...files import picture, preformatted
 from ..fitting.hypothesis import Hypothesis
 from ..fitting.refit import linearise
 from ..observations import Observations
-from ..settings import DECISIVE_SQUARED_DEVIATIONS, MOST_PLAN_RUNS
+from ..settings import DECISIVE_SQUARED_DEVIATIONS, MAX_PLAN_RUNS
 from ..system import Array, System
 from ..wording import plain, wrapped
 
@@ -182,7 +182,7 @@ class Isolability:
         for name, level in zip(self.effects, self.detectability, strict=True):
             if level >= DECISIVE_SQUARED_DEVIATIONS:
                 continue
-            if MOST_PLAN_RUNS * level >= DECISIVE_SQUARED_DEVIATIONS:
+            if MAX_PLAN_RUNS * level >= DECISIVE_SQUARED_DEVIATIONS:
                 name += f" ({math.ceil(DECISIVE_SQUARED_DEVIATIONS / level)})"
             hidden.append(name)
         return hidden

@@ -28,14 +28,14 @@ from ..selection.prediction import Prediction
 from ..settings import (
     DESIGN_EXPLANATIONS,
     DESIGN_TESTS,
-    LEAST_TEST_GAIN,
     LIKELY,
     MANY_TESTS,
-    NOTHING_NEW_PART,
+    MIN_TEST_GAIN,
+    NOTHING_NEW_FRACTION,
     RELEVANT_PROBABILITY,
     REPLICATE_TOLERANCE,
     ROUNDING,
-    SAME_TEST_PART,
+    SAME_TEST_FRACTION,
     SETTLED_PROBABILITY,
     TIE_TOLERANCE,
 )
@@ -280,7 +280,7 @@ class _Design:
                 separates = (str(labels[pair[0]]), str(labels[pair[1]]))
                 chosen[best] = self._test(best, separates, float(gains[best]))
             predictions = [item.after_reading(best) for item in predictions]
-        tests = [test for test in chosen.values() if test.gain >= LEAST_TEST_GAIN]
+        tests = [test for test in chosen.values() if test.gain >= MIN_TEST_GAIN]
         return tuple(tests)
 
     @property
@@ -299,7 +299,7 @@ class _Design:
             chosen: indices of the tests chosen before.
         """
         for index in chosen:
-            does_as_well = gains[index] >= NOTHING_NEW_PART * gains[best]
+            does_as_well = gains[index] >= NOTHING_NEW_FRACTION * gains[best]
             if self._are_equal(index, best):
                 return index
             if does_as_well and self._are_neighbours(index, best):
@@ -319,7 +319,7 @@ class _Design:
         """Whether two tests lie close along every axis, with the same labels."""
         for axis in self.axes:
             row = self.points[axis.name]
-            reach = SAME_TEST_PART * float(np.ptp(row)) + axis.tolerance
+            reach = SAME_TEST_FRACTION * float(np.ptp(row)) + axis.tolerance
             if axis.labels:
                 reach = 0.0
             if abs(row[one] - row[other]) > reach:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
-from ..settings import ABSORBED_PART, DRAWS, NULL_BATCH, SMALL_CAMPAIGN
+from ..settings import ABSORBED_FRACTION, DRAWS, NULL_BATCH, SMALL_CAMPAIGN
 from ..system import Array
 from .regions import Regions
 
@@ -221,7 +221,7 @@ def _norms(squares: NDArray[np.floating], absorbed: NDArray[np.floating]) -> Arr
     """
     total = squares.astype(np.float64)
     remainder = total - np.sum(absorbed.astype(np.float64) ** 2, axis=1)
-    visible = remainder > ABSORBED_PART * total
+    visible = remainder > ABSORBED_FRACTION * total
     return np.asarray(np.sqrt(np.where(visible, remainder, np.inf)), dtype=np.float64)
 
 

@@ -33,14 +33,14 @@ BLOCK_ASSIGNMENTS = 4
 Source: chosen; the clusters depend on where k-means begins.
 """
 
-LEAST_FREEDOM = 0.5
-"""Smallest part of the degrees of freedom of left-out samples that their shared errors leave.
+MIN_FREEDOM = 0.5
+"""Minimum fraction of the degrees of freedom of left-out samples that their shared errors leave.
 
 Source: chosen; with less, the correction of the errors would rest on a few readings.
 """
 
 _NEVER_KEPT = 1e-9
-"""Part of a squared column in the kept samples up to which it is rounding."""
+"""Fraction of a squared column in the kept samples up to which it is rounding."""
 
 
 def fold_assignments(observed: Observations, seed: int) -> list[list[Fold]]:
@@ -201,7 +201,7 @@ def _without_shared_error(
     """
     information = columns.T @ columns / noise + np.diag(spread**-2.0)
     smoother = columns @ np.linalg.solve(information, columns.T) / noise
-    freedom = max(1.0 - np.trace(smoother) / len(error), LEAST_FREEDOM)
+    freedom = max(1.0 - np.trace(smoother) / len(error), MIN_FREEDOM)
     return np.asarray((error - smoother @ error) / np.sqrt(freedom))
 
 

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from ..observations import Observations
 from ..settings import (
     AMPLITUDE_LOG_DEVIATION,
-    AMPLITUDE_MOST_STEP,
     AMPLITUDE_START,
     AMPLITUDE_TOLERANCE,
     FIXED_POINT_ROUNDS,
+    MAX_AMPLITUDE_STEP,
     NOISE_TOLERANCE,
     ROUNDING,
 )
@@ -284,7 +284,7 @@ def _log_variance_step(
         step = slope / (0.5 * squares + prior_precision)
     else:
         step = np.linalg.solve(curvature, slope)
-    return np.asarray(step.clip(-AMPLITUDE_MOST_STEP, AMPLITUDE_MOST_STEP))
+    return np.asarray(step.clip(-MAX_AMPLITUDE_STEP, MAX_AMPLITUDE_STEP))
 
 
 def change_of_prior_scale(

@@ -12,15 +12,15 @@ from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
 from .outcome import BASE, Outcome, Region
 
-WIDE_PART = 0.75
-"""Part of the range of an axis from which a region is not special along it. Chosen for reading."""
-LOW_PART = 0.4
-HIGH_PART = 0.6
-"""Part of the range up to which the middle of a region is low, and from which it is high."""
+WIDE_FRACTION = 0.75
+"""Fraction of an axis from which a region is not special along it. Chosen for reading."""
+LOW_FRACTION = 0.4
+HIGH_FRACTION = 0.6
+"""Fraction of the range up to which the middle of a region is low, and from which it is high."""
 OUTSTANDING_PROBABILITY = 0.3
 """Probability below which a leading set is one among many. Chosen for reading."""
 MENTIONED_PROBABILITY = 0.03
-MOST_MENTIONED_SETS = 4
+MAX_MENTIONED_SETS = 4
 """Sets that the verdict mentions: how probable at least, and how many at most."""
 _WITH_PROBABILITY = "{0} ({1})"
 LONGEST_HEADLINE = 25
@@ -208,16 +208,16 @@ def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
     low, high = region.limits[axis.name]
     lowest, highest = outcome.extent[axis.name]
     span = highest - lowest
-    if span <= 0.0 or (high - low) / span > WIDE_PART:
+    if span <= 0.0 or (high - low) / span > WIDE_FRACTION:
         return ""
     if not axis.graded:
         limits = f"{fixed(low, axis.digits)} to {fixed(high, axis.digits)}"
         return f"{axis.word} {limits}"
     middle = ((low + high) / 2.0 - lowest) / span
     degree = "medium"
-    if middle < LOW_PART:
+    if middle < LOW_FRACTION:
         degree = "low"
-    elif middle > HIGH_PART:
+    elif middle > HIGH_FRACTION:
         degree = "high"
     return f"{degree} {axis.word}"
 
@@ -239,7 +239,7 @@ def _explanation(outcome: Outcome) -> str:
     mentioned = [
         item for item in class_sets if item.probability >= MENTIONED_PROBABILITY
     ]
-    sets = with_probabilities(mentioned[:MOST_MENTIONED_SETS], _WITH_PROBABILITY)
+    sets = with_probabilities(mentioned[:MAX_MENTIONED_SETS], _WITH_PROBABILITY)
     if outcome.verdict != "ambiguous":
         members = [_with_probability(item) for item in outcome.present]
         verb = "are" if len(members) > 1 else "is"

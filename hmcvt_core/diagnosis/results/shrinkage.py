@@ -40,7 +40,7 @@ from ..fitting.refit import Fit
 from ..observations import Observations, tie_free
 from ..preparation import describe_samples
 from ..selection.explanation import Explanation
-from ..settings import DRAWS, LEAST_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
+from ..settings import DRAWS, MIN_SHRINKAGE, ROUNDING, SHRINKAGE_TAIL
 from ..system import Array
 from .outcome import Measurement, Predict, ShrinkageSummary
 
@@ -407,7 +407,7 @@ def _fractions(squares: Array) -> Array:
     """Fraction removed of rows of G^2 before and after, shape (k, 2) to (k,)."""
     before, after = squares.T
     # After: not below the noise, and a gap shrinks by no more than all of it.
-    return np.clip(1.0 - after / before, LEAST_SHRINKAGE, 1.0)
+    return np.clip(1.0 - after / before, MIN_SHRINKAGE, 1.0)
 
 
 def _interval(

@@ -17,8 +17,8 @@ from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     INTERVAL_DEVIATIONS,
     LEADING_SETS,
-    MOST_CAUSES,
-    MOST_CAUSES_UNEXPLAINED,
+    MAX_CAUSES,
+    MAX_CAUSES_UNEXPLAINED,
     RELEVANT_PROBABILITY,
     ROUNDING,
     SIZE_SPREADS,
@@ -49,7 +49,7 @@ def causes_of(
         for name, probability in probabilities.items()
         if name not in leading.names and probability >= RELEVANT_PROBABILITY
     ]
-    most = MOST_CAUSES_UNEXPLAINED if verdict == "unexplained" else MOST_CAUSES
+    most = MAX_CAUSES_UNEXPLAINED if verdict == "unexplained" else MAX_CAUSES
     names = (members + others)[:most]
     return tuple(_cause(analysis, validation, name) for name in names)
 

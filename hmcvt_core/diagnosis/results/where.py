@@ -18,10 +18,10 @@ from ..detection.regions import Box, Settings, covering_boxes
 from ..observations import Observations
 from ..selection.prediction import Prediction
 from ..settings import (
-    LEAST_REGION_DIGITS,
-    LEAST_REGION_PART,
     LIKELY,
-    MOST_REGIONS,
+    MAX_REGIONS,
+    MIN_REGION_DIGITS,
+    MIN_REGION_FRACTION,
     REGION_SIGNIFICANCE,
 )
 from ..system import Array
@@ -125,12 +125,12 @@ def regions_of(analysis: Analysis) -> tuple[Region, ...]:
             observed.coordinates,
             analysis.boxes,
             large & is_of_sign,
-            MOST_REGIONS,
+            MAX_REGIONS,
             settings,
         )
     boxes.sort(key=lambda box: -abs(np.sum(expected[box.members])))
     regions = [_region(box, field, analysis) for box in boxes]
-    return _worth_reporting(regions, observed)[:MOST_REGIONS]
+    return _worth_reporting(regions, observed)[:MAX_REGIONS]
 
 
 def _region(box: Box, field: GapField, analysis: Analysis) -> Region:
@@ -157,9 +157,9 @@ def _worth_reporting(
     regions: list[Region], observed: Observations
 ) -> tuple[Region, ...]:
     channel = observed.channels[0]
-    least = LEAST_REGION_DIGITS * 10.0**-channel.digits / channel.factor
+    least = MIN_REGION_DIGITS * 10.0**-channel.digits / channel.factor
     largest = max((abs(region.mean_residual) for region in regions), default=0.0)
-    least = max(least, LEAST_REGION_PART * largest)
+    least = max(least, MIN_REGION_FRACTION * largest)
     kept = []
     for region in regions:
         is_certain = region.p_value <= REGION_SIGNIFICANCE

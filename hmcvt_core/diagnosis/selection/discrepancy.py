@@ -171,18 +171,18 @@ def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> C
     most = SMOOTH_DEGREE
     if len(fit.observed.channels) == 1:
         most = FORM_ALLOWANCE_DEGREE
-    is_bend = (smooth.degree > 0) & (smooth.degree <= most)
-    bends = base.functions(fit.observed)[:, is_bend]
-    family = smooth.family[is_bend]
+    is_form_error = (smooth.degree > 0) & (smooth.degree <= most)
+    bends = base.functions(fit.observed)[:, is_form_error]
+    family = smooth.family[is_form_error]
     # All bends of a family together have the variance of the allowance.
     spread = FORM_ALLOWANCE / np.sqrt(np.bincount(family)[family])
-    for i in _bent_parameters(fit):
+    for i in _continuous_shapes(fit):
         signature = fit.jacobian[..., [i]] * fit.theta[i]
         columns = columns.with_further(Columns(signature * bends, spread, family - 1))
     return columns
 
 
-def _bent_parameters(fit: Fit) -> list[int]:
+def _continuous_shapes(fit: Fit) -> list[int]:
     """Return the indices of the parameters that a smooth factor may multiply, point by point.
 
     They are the size of each effect, and the base parameters that an effect lets vary.

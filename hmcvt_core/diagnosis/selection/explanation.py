@@ -26,17 +26,17 @@ from ..fitting.refit import Fit, linearise, refit
 from ..observations import Observations
 from ..settings import (
     EXPLAINED_BY_SET,
-    EXTRA_DISCREPANCY_PART,
+    EXTRA_DISCREPANCY_FRACTION,
     FORM_ALLOWANCES,
     INTERVAL_DEVIATIONS,
-    LEAST_BEND_MATCH,
-    MISSED_PART,
+    MIN_FORM_ERROR_MATCH,
+    MISSED_FRACTION,
     NO_ANSWER,
     PRIOR_DOF_ASSUMED,
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
     ROUNDING,
-    SCATTERED_PART,
+    SCATTERED_FRACTION,
     SIZE_SPREADS,
 )
 from ..system import Array
@@ -59,10 +59,10 @@ class Explanation:
         log_evidence: averaged over the prior scales, and over the families of allowances [nats].
         discrepancy: a discrepancy in addition to the effects, or None.
         families: numbers of the families of `allowed_columns` that are likeliest to be present.
-        bend: name of the effect that is no cause but a bend of the forms of the others; empty for
-            none.
+        form_error: name of the effect that is no cause but a form error of the others; empty
+            for none.
         absent: names of the effects whose size is zero within its error: they are no causes.
-        scatters: whether noise above its statement is an unlisted loss.
+        has_excess_noise: whether noise above its statement is an unlisted loss.
     """
 
     fit: Fit
@@ -71,14 +71,14 @@ class Explanation:
     log_evidence: float
     discrepancy: Discrepancy | None = None
     families: tuple[int, ...] = ()
-    bend: str = ""
-    scatters: bool = False
+    form_error: str = ""
+    has_excess_noise: bool = False
     absent: tuple[str, ...] = ()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the effects that are causes, sorted."""
-        no_causes = (self.bend, *self.absent)
+        no_causes = (self.form_error, *self.absent)
         effects = self.fit.hypothesis.effects
         return tuple(
             sorted(item.name for item in effects if item.name not in no_causes)
@@ -112,7 +112,7 @@ class Explanation:
         return (
             bool(self.names)
             and self.discrepancy is None
-            and not self.scatters
+            and not self.has_excess_noise
             and not self.fit.hypothesis.reversed_sign
         )
 
@@ -137,12 +137,14 @@ class Explanation:
         if not self.names or self.fit.hypothesis.reversed_sign:
             return 0.0
         extra_part, missed_part = self._parts_not_explained(base_only)
-        without_extra = np.interp(extra_part, EXTRA_DISCREPANCY_PART, EXPLAINED_BY_SET)
-        by_forms = np.interp(missed_part, MISSED_PART, EXPLAINED_BY_SET)
+        without_extra = np.interp(
+            extra_part, EXTRA_DISCREPANCY_FRACTION, EXPLAINED_BY_SET
+        )
+        by_forms = np.interp(missed_part, MISSED_FRACTION, EXPLAINED_BY_SET)
         fraction = without_extra * by_forms
-        if self.scatters:
+        if self.has_excess_noise:
             scattered_part = self._scattered_part(base_only)
-            fraction *= np.interp(scattered_part, SCATTERED_PART, EXPLAINED_BY_SET)
+            fraction *= np.interp(scattered_part, SCATTERED_FRACTION, EXPLAINED_BY_SET)
         return float(fraction)
 
     def _scattered_part(self, base_only: Explanation) -> float:
@@ -184,14 +186,16 @@ class Explanation:
         base = base_only.fit.whitened / deviation
         set_alone = self.plain_model.residual(theta_count) / deviation
         with_base_allowance = self.model.residual(bends_begin) / deviation
-        with_bends = self.model.residual(allowance_end) / deviation
+        with_form_errors = self.model.residual(allowance_end) / deviation
         complete = self.model.residual() / deviation
 
         remaining = np.sum(complete**2)
         total_change = np.sum((base - complete) ** 2) + ROUNDING
         reduction = max(np.sum(base**2) - remaining, ROUNDING)
-        extra_part = np.sum((with_bends - complete) ** 2) / total_change
-        bends_part = np.sum((with_base_allowance - with_bends) ** 2) / total_change
+        extra_part = np.sum((with_form_errors - complete) ** 2) / total_change
+        bends_part = (
+            np.sum((with_base_allowance - with_form_errors) ** 2) / total_change
+        )
         not_reduced_part = (np.sum(set_alone**2) - remaining) / reduction
         return float(extra_part), float(min(bends_part, not_reduced_part))
 
@@ -307,8 +311,8 @@ def without_absent(explanation: Explanation) -> Explanation:
     return replace(explanation, absent=tuple(absent))
 
 
-def with_bends(explanation: Explanation) -> list[Explanation]:
-    """Return explanations in which one effect is a bend of the forms of the others.
+def with_form_errors(explanation: Explanation) -> list[Explanation]:
+    """Return explanations in which one effect is a form error of the forms of the others.
 
     No form is exact, and what one misses may look like another effect. The prior of that size is
     then the allowance for forms, of either sign, in place of the moment prior of a cause.
@@ -317,7 +321,7 @@ def with_bends(explanation: Explanation) -> list[Explanation]:
         explanation: of listed effects, without a discrepancy.
 
     Returns:
-        One for each effect that may be a bend of the others.
+        One for each effect that may be a form error of the others.
     """
     fit = explanation.fit
     changes = fit.jacobian[..., fit.hypothesis.size_indices]
@@ -327,16 +331,16 @@ def with_bends(explanation: Explanation) -> list[Explanation]:
         is_other = np.arange(len(fit.sizes)) != i
         of_others = changes[..., is_other] @ fit.sizes[is_other]
         of_effect = changes[..., i]
-        if _may_be_bend(of_effect, of_others):
+        if _may_be_form_error(of_effect, of_others):
             ratio = float(np.linalg.norm(of_others) / np.linalg.norm(of_effect))
-            log_evidence = _log_evidence_of_bend(explanation, i, ratio)
+            log_evidence = _log_evidence_of_form_error(explanation, i, ratio)
             bent.append(
-                replace(explanation, log_evidence=log_evidence, bend=effect.name)
+                replace(explanation, log_evidence=log_evidence, form_error=effect.name)
             )
     return bent
 
 
-def _may_be_bend(of_effect: Array, of_others: Array) -> bool:
+def _may_be_form_error(of_effect: Array, of_others: Array) -> bool:
     """Whether a change of the readings is other changes times a factor at each sample.
 
     The factor is one for all channels: a bent leak still changes speed and torque as a leak does.
@@ -348,15 +352,17 @@ def _may_be_bend(of_effect: Array, of_others: Array) -> bool:
     squares = np.sum(of_others**2, axis=0)
     products = np.sum(of_others * of_effect, axis=0)
     alike = np.sum(products[squares > 0.0] ** 2 / squares[squares > 0.0])
-    return bool(alike > LEAST_BEND_MATCH * np.sum(of_effect**2))
+    return bool(alike > MIN_FORM_ERROR_MATCH * np.sum(of_effect**2))
 
 
-def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> float:
-    """Return the log evidence with one effect as a bend of the forms of the others.
+def _log_evidence_of_form_error(
+    explanation: Explanation, form_error: int, ratio: float
+) -> float:
+    """Return the log evidence with one effect as a form error of the forms of the others.
 
     Args:
         explanation: with that effect as a cause.
-        bend: index of the effect.
+        form_error: index of the effect.
         ratio: its size that changes the readings as much as all others together.
     """
     hypothesis = explanation.fit.hypothesis
@@ -365,14 +371,16 @@ def _log_evidence_of_bend(explanation: Explanation, bend: int, ratio: float) -> 
     signs = hypothesis.signs[sizes]
     scales = _size_scales(explanation.fit)
     of_cause = log_mean(_change_of_size_priors(model, sizes, scales, signs))
-    signs_with_bend = np.where(np.arange(len(sizes)) == bend, np.nan, signs)
+    signs_with_form_error = np.where(np.arange(len(sizes)) == form_error, np.nan, signs)
     choices: list[tuple[float, ...]] = [SIZE_SPREADS] * len(sizes)
-    choices[bend] = tuple(part * ratio for part in FORM_ALLOWANCES)
-    scales_with_bend = np.array(list(itertools.product(*choices)))
-    of_bend = log_mean(
-        _change_of_size_priors(model, sizes, scales_with_bend, signs_with_bend)
+    choices[form_error] = tuple(part * ratio for part in FORM_ALLOWANCES)
+    scales_with_form_error = np.array(list(itertools.product(*choices)))
+    of_form_error = log_mean(
+        _change_of_size_priors(
+            model, sizes, scales_with_form_error, signs_with_form_error
+        )
     )
-    return explanation.log_evidence + float(of_bend - of_cause)
+    return explanation.log_evidence + float(of_form_error - of_cause)
 
 
 def explain_exactly(fit: Fit) -> Explanation:
@@ -450,7 +458,7 @@ def scattered(explanation: Explanation) -> list[Explanation]:
     gains = _log_density_of_noise(noise, np.asarray(PRIOR_DOF_ASSUMED))
     gains -= _log_density_of_noise(noise, stated)
     log_evidence = explanation.log_evidence + float(log_mean(gains))
-    return [replace(explanation, log_evidence=log_evidence, scatters=True)]
+    return [replace(explanation, log_evidence=log_evidence, has_excess_noise=True)]
 
 
 def _log_density_of_noise(noise: Array, prior_dof: Array) -> Array:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..fitting.evidence import LinearModel, gram
 from ..observations import Observations
-from ..settings import AMPLITUDE_LOG_DEVIATION, MOST_FAMILIES
+from ..settings import AMPLITUDE_LOG_DEVIATION, MAX_FAMILIES
 from ..system import Array
 from .discrepancy import Columns
 
@@ -72,7 +72,7 @@ def select_families(
     model = known or columns.where(is_present).fitted(observed, target)
     log_posterior = model.log_evidence + log_priors[0]
     log_posteriors = [log_posterior]
-    for log_prior in log_priors[1 : MOST_FAMILIES + 1]:
+    for log_prior in log_priors[1 : MAX_FAMILIES + 1]:
         absent = np.setdiff1d(optional, columns.group[is_present])
         by_amplitude = gains.of(absent, model, is_present) + _LOG_WEIGHTS[:, None]
         gain = np.logaddexp.reduce(by_amplitude)

@@ -27,7 +27,7 @@ from ..settings import (
     DRAWS,
     LEADING_SETS,
     PRIOR_BASE_DISCREPANCY,
-    PRIOR_BEND,
+    PRIOR_FORM_ERROR,
     PRIOR_NO_GAP,
     PRIOR_OF_SET_SIZE,
     PRIOR_UNLISTED,
@@ -42,7 +42,7 @@ from .explanation import (
     explain_exactly,
     scattered,
     smooth_discrepancies,
-    with_bends,
+    with_form_errors,
     without_absent,
 )
 from .screen import screen
@@ -101,7 +101,7 @@ class Posterior:
     @cached_property
     def scatter(self) -> float:
         """Probability that a loss varies along no recorded axis."""
-        return sum(p for explanation, p in self.entries if explanation.scatters)
+        return sum(p for explanation, p in self.entries if explanation.has_excess_noise)
 
     @cached_property
     def effects(self) -> dict[str, float]:
@@ -232,7 +232,7 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
 
 
 def _sets_of_effects(base_only: Explanation) -> tuple[list[Weighted], list[Weighted]]:
-    """Return the sets of listed effects near the best, best first, and those with a bend."""
+    """Return the sets of listed effects near the best, best first, and those with a form error."""
     library = base_only.fit.signatures
     candidates, effects = search(base_only, library, max(PRIOR_OF_SET_SIZE))
     sets = []
@@ -246,8 +246,8 @@ def _sets_of_effects(base_only: Explanation) -> tuple[list[Weighted], list[Weigh
             continue
         log_prior = log_prior_of_forms + _log_prior_of_set(len(names) - 1, effects)
         others = effects - len(names) + 1
-        log_prior += math.log(PRIOR_BEND / others)
-        for bent in with_bends(explanation):
+        log_prior += math.log(PRIOR_FORM_ERROR / others)
+        for bent in with_form_errors(explanation):
             bends.append((bent, log_prior + bent.log_evidence))
     sets.sort(key=lambda entry: -entry[1])
     return sets, bends

@@ -16,8 +16,8 @@ from ..settings import (
     EXCHANGED_SETS,
     EXCHANGES,
     LEADING_SETS,
+    NEAR_BEST_FRACTION,
     NEAR_BEST_MARGIN,
-    NEAR_BEST_PART,
     PROPOSALS,
 )
 from ..system import Effect
@@ -357,4 +357,4 @@ def _least_gain(best: float) -> float:
 
     A part of a negative best would lie above it.
     """
-    return min(NEAR_BEST_PART * best, best) - NEAR_BEST_MARGIN
+    return min(NEAR_BEST_FRACTION * best, best) - NEAR_BEST_MARGIN

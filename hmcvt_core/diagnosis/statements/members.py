@@ -15,7 +15,7 @@ import numpy as np
 from ..analysis import Analysis
 from ..selection.explanation import Explanation
 from ..selection.search import Names
-from ..settings import LIKELY, MOST_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
+from ..settings import LIKELY, MAX_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def members_of(analysis: Analysis) -> tuple[Member, ...]:
             members.append(_of_effects(analysis, (name,)))
     probable = [item for item in members if item.probability >= REPORTED_MEMBER]
     probable.sort(key=lambda item: -item.probability)
-    return tuple(probable[:MOST_MEMBERS])
+    return tuple(probable[:MAX_MEMBERS])
 
 
 def _of_effects(analysis: Analysis, effects: Names) -> Member:

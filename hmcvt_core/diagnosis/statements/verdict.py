@@ -23,10 +23,10 @@ from ..analysis import Analysis
 from ..fitting.refit import Fit
 from ..selection.explanation import Explanation
 from ..settings import (
-    AT_BOUND_PART,
+    AT_BOUND_FRACTION,
     CAUSE_FOUND_PROBABILITY,
     LIKELY,
-    OTHER_FORM_PART,
+    OTHER_FORM_FRACTION,
 )
 from ..wording import plain
 from .agreement import Agreement, agreement_of
@@ -79,7 +79,7 @@ def word_of(
     present = [item for item in members if item.is_present]
     if analysis.posterior.unlisted > LIKELY:
         return _not_explained(analysis, present)
-    notes = (*_bend_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
+    notes = (*_form_error_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
     doubts = _doubts(analysis.leading[0])
     if doubts:
         return "ambiguous", (*notes, *doubts)
@@ -94,13 +94,13 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
         return "unexplained", (note,)
     named = None
     for item in present:
-        if _makes_most(analysis, _likeliest_with(analysis, item)):
+        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
             named = item
             break
     if posterior.scatter > posterior.unlisted / 2.0:
         if named is not None:
             return "class_found" if named.is_class else "cause_found", ()
-        if posterior.sets and _makes_most(analysis, analysis.leading[0]):
+        if posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
             return "ambiguous", ()
         return "excess_scatter", ()
     if named is None:
@@ -166,7 +166,7 @@ def _likeliest_with(analysis: Analysis, member: Member) -> Explanation:
     raise KeyError(member.effects)
 
 
-def _makes_most(analysis: Analysis, explanation: Explanation) -> bool:
+def _makes_most_of_change(analysis: Analysis, explanation: Explanation) -> bool:
     """Whether a set makes most of the squared change from the base model.
 
     What scatters along no axis and what an extra discrepancy makes are no part of it.
@@ -176,7 +176,7 @@ def _makes_most(analysis: Analysis, explanation: Explanation) -> bool:
     noise = float(analysis.base.whitened.size)
     reduced = (before - left) / max(before - noise, 1.0)
     extra_part = explanation.extra_part(analysis.posterior.base_only)
-    return bool(min(reduced, 1.0 - extra_part) >= OTHER_FORM_PART)
+    return bool(min(reduced, 1.0 - extra_part) >= OTHER_FORM_FRACTION)
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
@@ -203,7 +203,7 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
 
 def _at_bound(value: float, low: float, high: float) -> bool:
     """Whether a size is at a bound; at a bound of zero it is absent, which is no doubt."""
-    near = AT_BOUND_PART * (high - low)
+    near = AT_BOUND_FRACTION * (high - low)
     return value > high - near or (low != 0.0 and value < low + near)
 
 
@@ -211,20 +211,21 @@ def _base_at_bound(fit: Fit) -> list[str]:
     """Return the names of the base parameters at a bound."""
     base = fit.hypothesis.system.base
     with np.errstate(invalid="ignore"):
-        near = AT_BOUND_PART * np.minimum(base.high - base.low, 1.0)
+        near = AT_BOUND_FRACTION * np.minimum(base.high - base.low, 1.0)
     at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
     return [base.names[i] for i in np.flatnonzero(at_bound)]
 
 
-def _bend_of_the_model(analysis: Analysis) -> tuple[str, ...]:
+def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
     """Say that the saved model holds an effect that is no cause."""
     leading, _ = analysis.leading
-    if not leading.bend:
+    if not leading.form_error:
         return ()
     causes = " and ".join(map(plain, leading.names))
     return (
-        f"the form of {causes} misses something that looks like {plain(leading.bend)}: the model "
-        "with the causes holds it as a correction, not as a cause",
+        f"the form of {causes} misses something that looks like "
+        f"{plain(leading.form_error)}: the model with the causes holds it as a correction, not as "
+        "a cause",
     )
 
 
@@ -260,7 +261,7 @@ def _has_rival(analysis: Analysis) -> bool:
     twins = analysis.leading_class_set.sets
     margin = logit(CAUSE_FOUND_PROBABILITY)
     for names, (explanation, _) in analysis.posterior.sets.items():
-        if names in twins or len(names) != len(leading.names) or explanation.bend:
+        if names in twins or len(names) != len(leading.names) or explanation.form_error:
             continue
         if explanation.log_evidence > leading.log_evidence - margin:
             return True

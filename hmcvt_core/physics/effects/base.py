@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What an effect is: it overrides the hooks of the places where it acts; the rest stay as they are.
+"""Base class of effects. A subclass overrides the hooks it changes.
 
 Its dataclass fields, declared with `size` and `shape`, are its parameters.
 """
@@ -277,7 +277,7 @@ class Effect:
         return changed()
 
     def at(self, hook: str, state: ShaftState) -> Value:
-        """What a hook of a state says; in one unit alone, as if the other stood still."""
+        """Evaluate a state hook; in one unit, the other unit is taken as stationary."""
         if self.part:
             other = "motor" if self.part == "pump" else "pump"
             if hook == f"{other}_drag":
@@ -320,7 +320,7 @@ class Effect:
         return 0.0
 
     def _nothing(self, state: ShaftState) -> Value:
-        """What a hook of a state says that a class does not override."""
+        """Default of a state hook: no contribution."""
         return 0.0
 
     stroke_lag = _nothing
@@ -334,7 +334,7 @@ class Effect:
     motor_drag = _nothing
     """Torque that opposes the motion of the motor shaft [N m], not negative."""
     planetary_loss = _nothing
-    """Part of the rolling power lost in the mesh of the planetary row [-]."""
+    """Fraction of the rolling power lost in the mesh of the planetary row [-]."""
     leakage_flow = _nothing
     """Further flow that does not reach the motor [m3/s]."""
     pressure_drop = _nothing

@@ -15,7 +15,7 @@ RATE = 0.1
 SUBSAMPLE = 0.7
 FOLDS = 5
 MIN_EXPLAINED = 0.1
-"""Part of the squared residual that held-out tests must give for a gap to be reported."""
+"""Fraction of the squared residual that held-out tests must give for a gap to be reported."""
 
 
 def answer(case: Case) -> Answer:

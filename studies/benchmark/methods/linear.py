@@ -26,7 +26,7 @@ SHARPNESS = 10.0
 """Readings' worth of evidence in a cosine: weights are exp(-SHARPNESS (1 - cos^2))."""
 ADEQUATE = 0.999
 """A fit may be inadequate beyond this quantile of chi-square,"""
-FORM_PART = 0.2
+FORM_FRACTION = 0.2
 """and is where it leaves so much of the squared change: less is the form of a listed effect."""
 UNLISTED = 0.9
 """Probability of an unlisted cause where the best fit is inadequate; 1 - 0.9 where it is not."""
@@ -133,7 +133,7 @@ class Linear:
         change = self.fit(()).chi2 - count
         return bool(
             fit.chi2 > chi2.ppf(ADEQUATE, count)
-            and fit.chi2 - count > FORM_PART * change
+            and fit.chi2 - count > FORM_FRACTION * change
         )
 
     def change(self, of_efficiency: FloatArray) -> FloatArray:

@@ -44,10 +44,10 @@ _PRESSURE_SHARE = 0.5
 _TEMPERATURE_SHARE = 0.5
 #: A test that stalls, or nearly, is made again at this share of its load.
 _EASED = 0.8
-_MOST_PRESSURE = 38e6
-_MOST_EASINGS = 25
+_MAX_PRESSURE = 38e6
+_MAX_EASINGS = 25
 #: Smallest output torque of a test against the largest: below it, no meter is worth reading.
-_LEAST_TORQUE = 0.15
+_MIN_TORQUE = 0.15
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
 
 def _lifted(settings: Settings, state: State, largest: float) -> Settings:
     """Raise loads whose output torque is too small a part of the largest to be measured."""
-    short = _LEAST_TORQUE * largest / state.output_torque
+    short = _MIN_TORQUE * largest / state.output_torque
     return replace(settings, load_torque=settings.load_torque * np.maximum(short, 1.0))
 
 
@@ -242,10 +242,10 @@ def _eased(machine: Machine, programme: Programme, settings: Settings) -> Progra
     """
     load = settings.load_torque.copy()
     pending = np.arange(len(programme))
-    for _ in range(_MOST_EASINGS):
+    for _ in range(_MAX_EASINGS):
         tests = replace(settings, load_torque=load).select(pending)
         state = machine.run(tests, programme.stage[pending])
-        stalls = ~state.runs | (np.abs(state.pressure) > _MOST_PRESSURE)
+        stalls = ~state.runs | (np.abs(state.pressure) > _MAX_PRESSURE)
         pending = pending[stalls]
         if len(pending) == 0:
             return replace(programme, load_torque=load)

@@ -28,10 +28,10 @@ _GEAR_LOSS = 0.0005
 _GAUGE = (0.005, 5e4)
 _DRIFT = 0.0003 / np.sqrt(3.0)
 #: Relative deviation of a ratio of speeds where the bench has no scatter, and of the efficiency.
-_LEAST_SPEED = 2e-5
-_LEAST_EFFICIENCY = 1e-5
+_MIN_SPEED = 2e-5
+_MIN_EFFICIENCY = 1e-5
 #: Square below which an effect leaves nothing.
-_LEAST_SQUARE = 1e-12
+_MIN_SQUARE = 1e-12
 #: Shapes of each listed effect that may imitate, and their size.
 _SHAPES = 4
 _SMALL = 0.1
@@ -61,7 +61,7 @@ def confusion_of(campaign: Campaign) -> Confusion:
     members = look.remaining(look.members())
     gram = members.T @ members
     scale = np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
-    cosines = (gram / np.maximum(scale, _LEAST_SQUARE)) ** 2
+    cosines = (gram / np.maximum(scale, _MIN_SQUARE)) ** 2
     np.fill_diagonal(cosines, 0.0)
     left = tuple(_left_of(members, i) for i in range(len(gram)))
     return Confusion(left, float(np.max(cosines)), look.beyond(members))
@@ -80,9 +80,9 @@ class _Look:
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
         self.plain = replace(campaign.truth.plain, effects=())
-        self.efficiency_sd = np.maximum(campaign.noise, _LEAST_EFFICIENCY)
+        self.efficiency_sd = np.maximum(campaign.noise, _MIN_EFFICIENCY)
         scatter = np.sqrt(2.0) * campaign.meters.speed_scatter
-        self.speed_sd = max(scatter, _LEAST_SPEED)
+        self.speed_sd = max(scatter, _MIN_SPEED)
         self.has_pressure = "pressure" in campaign.columns
         self.bare = self.rows(self.plain)
         columns = [*self._free(), *self._uncertain()]

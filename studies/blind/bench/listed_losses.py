@@ -228,13 +228,18 @@ class DisplacementError(ListedLoss):
     variants: ClassVar[tuple[str, ...]] = ("bent_gain", "shifted_offset")
     limit: ClassVar[float] = 1.0
     sense: float = either_sign()
-    bend: float = between(-0.4, 0.4)
+    form_error: float = between(-0.4, 0.4)
 
     def true_stroke(self, command: FloatArray, pressure: FloatArray) -> FloatArray:
         if self.variant == "bent_gain":
-            gain = 0.08 * self.sense * self.size * (1.0 + self.bend * np.abs(command))
+            gain = (
+                0.08
+                * self.sense
+                * self.size
+                * (1.0 + self.form_error * np.abs(command))
+            )
             return np.asarray(command * (1.0 - gain))
-        offset = 0.06 * self.sense * self.size * (1.0 + 0.5 * self.bend * command)
+        offset = 0.06 * self.sense * self.size * (1.0 + 0.5 * self.form_error * command)
         return np.asarray(command - offset)
 
 

@@ -22,7 +22,7 @@ _SCATTER = (0.0001, 0.0005)
 _GAIN = (0.0005, 0.001)
 #: Relative standard deviation of a reading of speed.
 SPEED_SCATTER = 0.0002
-_MOST_SESSIONS = 6
+_MAX_SESSIONS = 6
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def _draw_meter(bench: Bench, largest: float, rng: np.random.Generator) -> Torqu
     gain = rng.uniform(*_GAIN)
     hysteresis = scale * rng.uniform(*_HYSTERESIS)
     scatter = scale * rng.uniform(*_SCATTER)
-    even = rng.uniform(-1.0, 1.0, (4, _MOST_SESSIONS))
+    even = rng.uniform(-1.0, 1.0, (4, _MAX_SESSIONS))
     drift = scale * _DRIFT * even[2:]
     return TorqueMeter(
         full_scale=scale,

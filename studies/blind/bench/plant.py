@@ -24,7 +24,7 @@ STALL_PRESSURE = 45e6
 #: Pressures between which a state is sought [Pa].
 _PRESSURES = (-8e7, 2.5e8)
 #: Output speeds below this count as a stall [rad/s].
-_LEAST_OUTPUT_SPEED = 5.0
+_MIN_OUTPUT_SPEED = 5.0
 #: Motor speeds at which the search begins, from the slowest to the fastest.
 _SCAN = np.linspace(0.0, 1.0, 40)[:, None]
 #: What counts as zero: torque [N m] and flow [m3/s], and intervals [Pa], [rad/s].
@@ -192,7 +192,7 @@ class _Solver:
         if not train.pump_on_row:
             mechanical = train.mechanical_share * self.settings.engine_speed
             slowest = (-mechanical * (1.0 - self.slip)) / train.motor_share
-        slowest = slowest + _LEAST_OUTPUT_SPEED / train.motor_share
+        slowest = slowest + _MIN_OUTPUT_SPEED / train.motor_share
         fastest = np.maximum(self._free_speed(), slowest)
         fastest = fastest + 0.1 * np.abs(fastest) + 60.0
         scanned = slowest + (fastest - slowest) * _SCAN

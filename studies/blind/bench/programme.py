@@ -10,7 +10,7 @@ from studies.blind.bench.properties import Bench
 from studies.blind.effect import FloatArray
 
 PLANS = ("grid", "hyperbola", "sweep", "random")
-_MOST_SESSIONS = 6
+_MAX_SESSIONS = 6
 #: Duration of a test and of the gaps between sessions [s].
 _TEST = (180.0, 420.0)
 _GAP = (1.5 * 3600.0, 60.0 * 3600.0)
@@ -230,7 +230,7 @@ def _sessions(
     tests: int, several: bool, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.int_], FloatArray]:
     """Return the session of each test, and the time at which it ends."""
-    count = int(rng.integers(2, _MOST_SESSIONS + 1))
+    count = int(rng.integers(2, _MAX_SESSIONS + 1))
     share = rng.dirichlet(np.full(count, 6.0))
     duration = rng.uniform(*_TEST, tests)
     gaps = rng.uniform(*_GAP, count)

@@ -7,7 +7,7 @@ import numpy as np
 
 from studies.blind.effect import FloatArray
 
-_MOST_STEPS = 200
+_MAX_STEPS = 200
 #: Every so many steps the interval is halved, whatever the secant proposes.
 _HALVE_EVERY = 4
 
@@ -36,7 +36,7 @@ def bracketed_root(
     at_high = function(high)
     last_side = np.zeros_like(low)
     root = 0.5 * (low + high)
-    for step in range(1, _MOST_STEPS + 1):
+    for step in range(1, _MAX_STEPS + 1):
         secant = low - at_low * (high - low) / (at_high - at_low)
         usable = np.isfinite(secant) & (secant > low) & (secant < high)
         if step % _HALVE_EVERY == 0:

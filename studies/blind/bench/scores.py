@@ -93,7 +93,7 @@ def promise_miss(record: Record) -> float | None:
 
 
 def removed(record: Record) -> float:
-    """Part of the squared gap that the model handed over removes at fresh tests."""
+    """Fraction of the squared gap that the model handed over removes at fresh tests."""
     return float(record["met"])
 
 

@@ -37,7 +37,7 @@ USUAL_KINDS = tuple(kind for kind in KINDS if kind != "newly_listed")
 SETS = {"single": 1, "pair": 2, "triple": 3}
 #: Shift of the efficiency that an effect makes where it acts, drawn evenly in its logarithm.
 _SHIFTS = (0.007, 0.03)
-_MOST_STALLED = 0.1
+_MAX_STALLED = 0.1
 #: Share of listed effects that take a form of `listed_losses`.
 _OWN_FORM = 0.5
 #: Tests on which an effect is sized, about so many.
@@ -131,7 +131,7 @@ def sized(
     def miss(size: float) -> float:
         effect = scaled(size)
         state = replace(machine, effects=(effect,)).run(tests, stage[some])
-        if np.mean(state.runs) < 1.0 - _MOST_STALLED:
+        if np.mean(state.runs) < 1.0 - _MAX_STALLED:
             return float("nan")
         efficiency = _read_efficiency(effect, state, tests)
         moved = np.where(state.runs, efficiency - plain, 0.0)
