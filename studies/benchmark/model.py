@@ -169,4 +169,5 @@ def readings(model: hmcvt.EfficiencyModel, points: dict[str, Any]) -> FloatArray
     stage = points["stage"] if len(model.stages) > 1 else None
     axes = [points[name] for name in AXES[:3]]
     at = OperatingPoints.checked(axes, points.get("oil_temperature"), stage)
-    return np.asarray(model.readings_at(at))
+    read = model.readings_at(at)
+    return np.stack([read[name] for name in CHANNELS])
