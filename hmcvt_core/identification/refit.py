@@ -584,7 +584,7 @@ def _first_objection(candidate: _Candidate, checks: tuple[_Check, ...]) -> str:
 
 
 def _doubt(candidate: _Candidate) -> str:
-    """Return why a person has to decide; a change that nobody notices needs none."""
+    """Return why a person has to decide; a negligible change needs none."""
     changes = (candidate.change, candidate.change_since_accepted)
     if max(float(np.abs(change).max()) for change in changes) <= _NOTICED:
         return ""

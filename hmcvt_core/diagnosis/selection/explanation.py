@@ -442,7 +442,7 @@ def _columns_of(model: LinearModel) -> Columns:
 def scattered(explanation: Explanation) -> list[Explanation]:
     """Return an explanation with an unlisted loss that varies along no recorded axis.
 
-    Such a loss shows as noise. Its variance has then the prior of a noise that nobody stated, in
+    Such a loss shows as noise. Its variance has then the prior of a noise that is not stated, in
     place of the statement. It is in one of the channels whose noise is stated, equally likely.
 
     Args:

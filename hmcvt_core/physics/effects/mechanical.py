@@ -24,7 +24,7 @@ class ChargePump(Effect):
     component = "pump"
     summary = (
         "the charge pump takes a nearly constant torque, so light loads lose most; the "
-        "base model books it as pump damping"
+        "base model attributes it to pump damping"
     )
     source = (
         "charge pressure 15 to 21 bar, closed-circuit practice; T = p V / efficiency"
@@ -43,7 +43,10 @@ class BearingDrag(Effect):
 
     name = "bearing_drag"
     component = "gears"
-    summary = "bearings and seals on the engine side drag with a torque that hardly minds the load"
+    summary = (
+        "bearings and seals on the engine side drag with a torque that is nearly "
+        "independent of the load"
+    )
     source = "Palmgren M0 ~ (nu n)^(2/3); SKF four-source friction model"
     remedy = "spin the transmission without load and without charge pressure"
 
