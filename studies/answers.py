@@ -6,6 +6,8 @@
 Prints the sentence for the mechanic and the verdict, with what was hidden.
 """
 
+import argparse
+
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import Diagnosis
 from studies.blind.bench.judge import Case, draw, served
@@ -43,6 +45,7 @@ def answers() -> list[tuple[str, Diagnosis]]:
 
 def main() -> None:
     """Print the head of each report."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for hidden, found in answers():
         headline, verdict, *_ = found.report().split("\n\n")
         print(f"{found.verdict}; hidden: {hidden}\n")

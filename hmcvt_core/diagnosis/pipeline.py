@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The steps of a diagnosis, as docs/diagnosis.md describes them.
+"""The steps of a diagnosis, as docs/diagnosis-method.md describes them.
 
 prepare: which samples can be used, and the base model refitted to them;
 detect: is there a gap, and in which regions;

@@ -424,7 +424,7 @@ FORM_ALLOWANCE = 0.07
 """Prior median of the error of a form along an axis, as a part of its signature.
 
 Source: families of forms in the literature leave of each other between 0.02, as power laws do once
-their exponents agree, and 0.25, as films that break do (docs/diagnosis.md).
+their exponents agree, and 0.25, as films that break do (docs/diagnosis-method.md).
 """
 
 FORM_ALLOWANCES = (0.5 * FORM_ALLOWANCE, FORM_ALLOWANCE, 2.0 * FORM_ALLOWANCE)

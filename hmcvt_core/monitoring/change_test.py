@@ -33,7 +33,7 @@ LARGEST_INNOVATION = 3.0
 KEPT_CANDIDATES = 400
 """First samples of a gap that are still considered; limits time and memory per sample."""
 NOISE_WORTH = 20.0
-"""Samples that the stated noise is worth; chosen on simulated streams (docs/watch.md)."""
+"""Samples that the stated noise is worth; chosen on simulated streams (docs/studies/streams.md)."""
 LEVEL = 0.95
 """Probability of the interval for the first sample of a gap."""
 REWEIGHTINGS = 20

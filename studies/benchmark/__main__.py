@@ -39,7 +39,7 @@ def main() -> None:
         prog="python -m studies.benchmark",
         description="Compare methods on one set of cases.",
     )
-    parser.add_argument("--campaigns", type=int, default=120)
+    parser.add_argument("--campaigns", type=int, default=100)
     parser.add_argument("--first-seed", type=int, default=generator.TABLE_SEEDS)
     parser.add_argument("--folder", type=Path, default=Path("build/benchmark"))
     parser.add_argument("--jobs", type=int, default=2)

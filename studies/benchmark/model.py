@@ -30,6 +30,8 @@ REFITS = 3
 """Gauss-Newton steps of the base from its refit to the efficiency; it settles within two."""
 STEP_LIMITS = (0.3, 3.0)
 """Of the factor by which a step changes a parameter."""
+STEP_PARTS = (1.0, 0.5, 0.25)
+"""Parts of a step that are tried."""
 BASE_STEP = 0.3
 """Relative change of a base parameter in its column: what a base may be off before a fit."""
 GEAR_STEP = 0.0005
@@ -72,11 +74,12 @@ def write_tables(folder: Path, card: dict[str, Any]) -> None:
     base = refitted_base(model, samples)
     linear_base = base
 
+    # One solution at tests and points together costs little more than one at either.
+    everywhere: dict[str, Any] = {}
+    for name, values in tests.items():
+        everywhere[name] = np.concatenate([values, points[name]])
+
     def write(models: Changed) -> None:
-        # One solution at tests and points together costs little more than one at either.
-        everywhere = {}
-        for name, values in tests.items():
-            everywhere[name] = np.concatenate([values, points[name]])
         unchanged = readings(linear_base, everywhere)
         changes = {"base": readings(base, everywhere), "linear": unchanged}
         for name, (changed, factor) in models.items():
@@ -87,24 +90,37 @@ def write_tables(folder: Path, card: dict[str, Any]) -> None:
         at_tests = {name: values[:, :count] for name, values in changes.items()}
         at_points = {name: values[:, count:] for name, values in changes.items()}
         _write(folder / "model_tests.csv", at_tests, channels)
+        for name in ("base", "linear"):
+            # Points at which the base stalls do not count: see the scorer.
+            at_points[name] = np.nan_to_num(at_points[name])
         _write(folder / "model_points.csv", at_points, ["efficiency"])
 
     for _ in range(REFITS):
         write(nuisance_models(linear_base, card))
-        linear_base = stepped(linear_base, Case(folder))
+        linear_base = stepped(linear_base, Case(folder), everywhere)
     effects = effect_models(linear_base, "oil_temperature" in tests)
     write({**nuisance_models(linear_base, card), **effects})
 
 
-def stepped(base: hmcvt.EfficiencyModel, case: Case) -> hmcvt.EfficiencyModel:
-    """Return the base after a Gauss-Newton step to all channels, meter errors adapting."""
+def stepped(
+    base: hmcvt.EfficiencyModel, case: Case, everywhere: dict[str, Any]
+) -> hmcvt.EfficiencyModel:
+    """Return the base after a Gauss-Newton step to all channels, meter errors adapting.
+
+    The step is shortened where the model would stall at more tests and points, or left out.
+    """
     problem = linear(case)
     steps = dict(zip(PARAMETERS, problem.fit(()).nuisance, strict=False))
-    values = {}
-    for name, step in steps.items():
-        factor = float(np.clip(1.0 + BASE_STEP * step, *STEP_LIMITS))
-        values[name] = factor * getattr(base.parameters, name)
-    return replace(base, parameters=replace(base.parameters, **values))
+    stalls = np.sum(np.isnan(readings(base, everywhere)))
+    for part in STEP_PARTS:
+        values = {}
+        for name, step in steps.items():
+            factor = float(np.clip(1.0 + BASE_STEP * part * step, *STEP_LIMITS))
+            values[name] = factor * getattr(base.parameters, name)
+        changed = replace(base, parameters=replace(base.parameters, **values))
+        if np.sum(np.isnan(readings(changed, everywhere))) <= stalls:
+            return changed
+    return base
 
 
 def nuisance_models(base: hmcvt.EfficiencyModel, card: dict[str, Any]) -> Changed:

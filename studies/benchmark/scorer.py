@@ -71,7 +71,7 @@ class Score:
 def score(
     case: Case, truth: dict[str, Any], efficiency: FloatArray, given: Answer
 ) -> Score:
-    """Score an answer.
+    """Score an answer; points at which the base has no answer (0) do not count.
 
     Args:
         case: that was answered.
@@ -79,9 +79,14 @@ def score(
         efficiency: true efficiency at the points, shape (n,).
         given: the answer.
     """
-    base = case.model_at_points.base
+    counted = case.model_at_points.base > 0.0
+    base = case.model_at_points.base[counted]
+    efficiency = efficiency[counted]
+    prediction = np.array(given.prediction)[counted]
+    gap = np.array(given.gap)[counted]
+    deviation = np.array(given.gap_deviation)[counted]
     true_gap = efficiency - base
-    error = np.sqrt(np.mean((np.array(given.prediction) - efficiency) ** 2))
+    error = np.sqrt(np.mean((prediction - efficiency) ** 2))
     error_of_base = np.sqrt(np.mean(true_gap**2))
     leading = given.sets[0][0] if given.sets else ()
     names = {name.partition(":")[0] for name in leading}
@@ -90,7 +95,7 @@ def score(
     right_parts = {
         part for name in truth["effects"] for part in effects()[name]["part"]
     }
-    off = np.abs(np.array(given.gap) - true_gap)
+    off = np.abs(gap - true_gap)
     return Score(
         case=case.name,
         kind=truth["kind"],
@@ -104,8 +109,8 @@ def score(
         removed=float(1.0 - (error / error_of_base) ** 2),
         worse=bool(error > WORSE * error_of_base),
         promised=given.promised,
-        f1=f1(np.array(given.gap), true_gap),
-        coverage=float(np.mean(off <= WITHIN * np.array(given.gap_deviation))),
+        f1=f1(gap, true_gap),
+        coverage=float(np.mean(off <= WITHIN * deviation)),
         gap=float(error_of_base),
         seconds=given.seconds,
     )

@@ -15,6 +15,7 @@ from studies.benchmark.answer import Answer, read_answer, write_answer
 from studies.benchmark.case import Case, effects, write_columns
 from studies.benchmark.generator import names_of, write_case
 from studies.benchmark.methods import METHODS, forward_bic, hmcvt_diagnosis
+from studies.benchmark.methods.linear import linear
 from studies.benchmark.page import page
 from studies.benchmark.scorer import FAILURES, f1, figures_table, scores_of
 
@@ -98,6 +99,30 @@ def test_another_set_or_verdict_is_wrong(made, change):
 def test_a_prediction_worse_than_the_base_is_counted(made):
     found = scored(made, replace(ANSWER, prediction=(0.7, 0.8, 0.8, 0.8)))
     assert found.worse and found.removed < 0.0
+
+
+def test_tests_and_points_at_which_the_base_stalls_do_not_count(made):
+    own = made / "cases" / "made"
+    gap = [0.01, 0.02, 0.03, 0.0]
+    at = {"channel": ["efficiency"] * POINTS, "row": [0.0, 1.0, 2.0, 3.0]}
+    columns = {"nuisance:leakage": gap, "churning": [0.01] * POINTS}
+    stalled = [0.8, 0.8, 0.8, float("nan")]
+    write_columns(
+        own / "model_tests.csv", {**at, "base": stalled, "linear": stalled, **columns}
+    )
+    never = [0.8, 0.8, 0.8, 0.0]
+    write_columns(
+        own / "model_points.csv", {**at, "base": never, "linear": never, **columns}
+    )
+    write_columns(own / "bench.csv", {"efficiency": [0.81, 0.82, 0.83, 0.7]})
+    card = {"meters": {"engine_zero": 0.0}, "classes": {}, "tests": POINTS}
+    (own / "card.yaml").write_text(yaml.safe_dump(card), encoding="utf-8")
+    problem = linear(Case(own))
+    assert np.all(np.isfinite(problem.signatures))
+    assert problem.residual[3] == 0.0 and problem.residual[0] > 0.0
+    # The last point has an error of 0.1, and is left out.
+    found = scored(made, replace(ANSWER, prediction=(0.8, 0.8, 0.82, 0.68)))
+    assert found.removed == 1.0
 
 
 def test_f1_of_the_places():

@@ -24,7 +24,8 @@ def answer(case: Case) -> Answer:
     tests, points = scaled_axes(case)
     is_efficiency = problem.of_efficiency
     noise = problem.deviation[is_efficiency]
-    residual = case.tests["efficiency"] - case.model_at_tests.base[is_efficiency]
+    base = case.model_at_tests.base[is_efficiency]
+    residual = np.nan_to_num(case.tests["efficiency"] - base)
     trees = GradientBoostingRegressor(
         n_estimators=TREES,
         max_depth=DEPTH,

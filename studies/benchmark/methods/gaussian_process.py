@@ -22,7 +22,8 @@ def answer(case: Case) -> Answer:
     tests, points = scaled_axes(case)
     is_efficiency = problem.of_efficiency
     noise = problem.deviation[is_efficiency]
-    residual = case.tests["efficiency"] - case.model_at_tests.base[is_efficiency]
+    base = case.model_at_tests.base[is_efficiency]
+    residual = np.nan_to_num(case.tests["efficiency"] - base)
     kernel = ConstantKernel(0.01**2, (1e-8, 1e-1)) * RBF(
         np.full(tests.shape[1], 2.0), (0.3, 50.0)
     )

@@ -195,12 +195,14 @@ def linear(case: Case) -> Linear:
             labels.append(label)
             signs.append(-1.0)
             picked.append(index)
+    # A test at which the base stalls has no residual.
+    weight = np.isfinite(tests.linear) / deviation
     return Linear(
         case=case,
         deviation=deviation,
-        residual=(np.concatenate(readings) - tests.linear) / deviation,
-        nuisance=nuisance / deviation[:, None],
-        signatures=tests.columns[:, picked] * signs / deviation[:, None],
+        residual=np.nan_to_num(np.concatenate(readings) - tests.linear) * weight,
+        nuisance=nuisance * weight[:, None],
+        signatures=tests.columns[:, picked] * signs * weight[:, None],
         labels=tuple(labels),
         point_nuisance=point_nuisance,
         point_signatures=points.columns[:, picked] * signs,
