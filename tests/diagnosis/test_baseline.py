@@ -116,7 +116,7 @@ def test_next_tests_are_listed_once(worn):
 
 
 def test_page_of_a_change(worn):
-    page = hmcvt.report.html(worn)
+    page = hmcvt_tools.report.html(worn)
     assert "Compared with 48 sound samples" in page and "laminar leakage" in page
 
 
