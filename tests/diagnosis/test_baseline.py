@@ -11,6 +11,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.physics.effects.mechanical import Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
+from hmcvt_tools.report import html
 
 from .campaigns import BASE, campaign
 
@@ -116,7 +117,7 @@ def test_next_tests_are_listed_once(worn):
 
 
 def test_page_of_a_change(worn):
-    page = hmcvt_tools.report.html(worn)
+    page = html(worn)
     assert "Compared with 48 sound samples" in page and "laminar leakage" in page
 
 
