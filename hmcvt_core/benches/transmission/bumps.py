@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -20,9 +21,9 @@ MAX_BUMPS = 48
 """Maximum number of bumps of a model. Limit of computing time of the served model."""
 MIN_BUMPS = 6
 """Bumps of a stage at least, if it has as many samples."""
-WIDTHS = (0.15, 0.25, 0.4, 0.6)
-"""Widths that are tried, as parts of the range of each axis."""
-RIDGE = 1e-4
+WIDTHS = (0.1, 0.2, 0.4, 0.8)
+"""Widths that are tried along each axis, as fractions of its range."""
+RIDGE = 1e-6
 """Fraction of the mean square of a column that is added to the diagonal against rounding."""
 NEGLIGIBLE = 2e-4
 """Difference of the efficiency below which a model needs no bump [-]; chosen, 0.02 points."""
@@ -42,7 +43,7 @@ def with_bumps(
         model: to which they are added.
         points: the samples of a campaign, then further tests, n values by the name of the axis.
         wanted: efficiency at these points [-], shape (n,); NaN where it is not known.
-        samples: number of samples, in whose middle the bumps lie.
+        samples: number of samples among the points.
         stages: names of the stages, in the order of their numbers.
         deviation: prior standard deviation of a smooth remainder [-], which the model states.
     """
@@ -112,15 +113,17 @@ def _bumps_of(
     low = axes[:samples].min(axis=0)
     width = np.maximum(np.ptp(axes[:samples], axis=0), 1e-6)
     scaled = (axes - low) / width
-    centres = scaled[:samples][_spread(scaled[:samples], min(most, samples))]
-    best: tuple[float, float, Array] | None = None
-    for part in WIDTHS:
-        heights, left = _heights(scaled, centres, part, torque, slope, usable)
+    known = scaled[usable]
+    centres = known[_spread(known, min(most, samples))]
+    best: tuple[float, Array, Array] | None = None
+    for fractions in itertools.product(WIDTHS, repeat=scaled.shape[1]):
+        widths = np.array(fractions)
+        heights, left = _heights(scaled, centres, widths, torque, slope, usable)
         if best is None or left < best[0]:
-            best = (left, part, heights)
+            best = (left, widths, heights)
     assert best is not None
-    _, part, heights = best
-    stroke_width, speed_width, load_width = (part * width).tolist()
+    _, widths, heights = best
+    stroke_width, speed_width, load_width = (widths * width).tolist()
     bumps = []
     for centre, height in zip((low + centres * width).tolist(), heights, strict=True):
         stroke, speed, of_load = centre
@@ -142,7 +145,7 @@ def _bumps_of(
 def _heights(
     scaled: Array,
     centres: Array,
-    part: float,
+    widths: Array,
     torque: Array,
     slope: Array,
     usable: NDArray[np.bool_],
@@ -152,14 +155,14 @@ def _heights(
     Args:
         scaled: points, shape (n, 3).
         centres: shape (bumps, 3).
-        part: width, as a part of each range.
+        widths: of the bumps, as fractions of the ranges, shape (3,).
         torque: that is wanted [N m], shape (n,).
         slope: change of the efficiency by a torque [1/(N m)], shape (n,).
         usable: which points count, shape (n,).
     """
     from scipy.spatial.distance import cdist
 
-    columns = np.exp(-0.5 * (cdist(scaled, centres) / part) ** 2)
+    columns = np.exp(-0.5 * cdist(scaled / widths, centres / widths) ** 2)
     design = (slope[:, None] * columns)[usable]
     target = (slope * torque)[usable]
     gram = design.T @ design
