@@ -117,6 +117,13 @@ class Baseline:
             if verdict in NAMING:
                 verdict = "unexplained"
                 diagnosis = keeping_base(diagnosis)
+        headline = ""
+        if self.control.alarms:
+            headline = "The sound tests differ among themselves: settle that first."
+        elif verdict == "no_gap" and self.excess.is_thin:
+            headline = (
+                "No change is seen, but the baseline is too thin: add sound tests."
+            )
         if diagnosis.gap.significant:
             notes += self._growth_notes(diagnosis)
             notes += self._curve_notes(diagnosis)
@@ -125,6 +132,7 @@ class Baseline:
             causes=causes,
             sets=sets,
             verdict=verdict,
+            headline=headline,
             warnings=warnings,
             notes=(*notes, *diagnosis.notes),
         )

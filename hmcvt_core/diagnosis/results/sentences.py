@@ -35,6 +35,8 @@ def amount(outcome: Outcome, value: float, sign: bool = False) -> str:
 
 def mechanic(outcome: Outcome) -> str:
     """Return what is probably wrong, what it costs and what to do, without statistics."""
+    if outcome.headline:
+        return outcome.headline
     if outcome.warnings:
         return "The readings do not fit this machine: resolve the points below first."
     if outcome.verdict == "no_gap":
