@@ -105,6 +105,7 @@ def diagnosis(name: str) -> Diagnosis:
             where=(),
             next_tests=(),
             gap=replace(found.gap, p_value=0.3, significant=False),
+            posterior=replace(found.posterior, no_gap=0.95),
             residuals_after=(found.residuals_before),
         )
     if name == "cause_found":

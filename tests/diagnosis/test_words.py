@@ -121,6 +121,15 @@ def test_where_it_lies():
     assert "at low engine speed" in words.verdict(replace(found, where=regions))
 
 
+def test_agreement_is_stated_no_more_surely_than_it_is_known():
+    nothing = diagnosed("nothing")
+    assert words.mechanic(nothing) == "Bench and model agree: nothing to look for."
+    open_question = replace(nothing, posterior=replace(nothing.posterior, no_gap=0.59))
+    assert words.mechanic(open_question) == (
+        "Bench and model agree with only 59 %: more tests would decide."
+    )
+
+
 def test_verdicts():
     nothing, band = diagnosed("nothing"), unexplained()
     assert (

@@ -117,13 +117,6 @@ class Baseline:
             if verdict in NAMING:
                 verdict = "unexplained"
                 diagnosis = keeping_base(diagnosis)
-        headline = ""
-        if self.control.alarms:
-            headline = "The sound tests differ among themselves: settle that first."
-        elif verdict == "no_gap" and self.excess.is_thin:
-            headline = (
-                "No change is seen, but the baseline is too thin: add sound tests."
-            )
         if diagnosis.gap.significant:
             notes += self._growth_notes(diagnosis)
             notes += self._curve_notes(diagnosis)
@@ -132,10 +125,20 @@ class Baseline:
             causes=causes,
             sets=sets,
             verdict=verdict,
-            headline=headline,
+            headline=self._headline(verdict),
             warnings=warnings,
             notes=(*notes, *diagnosis.notes),
         )
+
+    def _headline(self, verdict: str) -> str:
+        """Return the sentence for the mechanic; empty where a change is found."""
+        if self.control.alarms:
+            return "The sound tests differ among themselves: settle that first."
+        if verdict != "no_gap":
+            return ""
+        if self.excess.is_thin:
+            return "No change is seen, but the baseline is too thin: add sound tests."
+        return "No change is seen: nothing to look for."
 
     def component(self, diagnosis: Diagnosis) -> str | None:
         """Return the part that holds most of the probability of a named cause, or None.

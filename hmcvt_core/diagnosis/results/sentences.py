@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..design.advice import named
 from ..design.classes import with_probabilities
+from ..settings import CAUSE_FOUND_PROBABILITY
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
@@ -68,6 +69,9 @@ def _no_gap_headline(outcome: Outcome) -> str:
         return (
             f"Bench and model agree, but {tests} apart: repeat before you rely on it."
         )
+    no_gap = outcome.posterior.no_gap
+    if no_gap < CAUSE_FOUND_PROBABILITY:
+        return f"Bench and model agree with only {percent(no_gap)}: more tests would decide."
     return "Bench and model agree: nothing to look for."
 
 
