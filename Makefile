@@ -56,7 +56,7 @@ test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest $(SHARED) auto -m 'not long' --ignore=tests/ros --ignore=tests/soak
+	$(BIN)/python -m pytest -rs $(SHARED) auto -m 'not long' --ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
 	$(BIN)/python -m pytest $(SHARED) $$((2 * $$(nproc))) tests/ros
 	$(BIN)/python -m pytest tests/soak

@@ -14,7 +14,7 @@ model           lookup, optimum, map, parameter file
 diagnosis       inference on any system; knows no transmission
 physics         power balance, effects, formulas of the paper
 files           the core's own files: bench CSV, YAML, atomic writes
-transmission    gear train, parameters, ranges
+transmission    registry of quantities, gear train, parameters
 
 Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
 `hmcvt_tools`.
