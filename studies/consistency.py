@@ -72,6 +72,11 @@ def _delivers_something_worse(found: Diagnosis) -> bool:
     return found.delivered.rmse_after > found.delivered.rmse_before
 
 
+def _promises_for_another_model(found: Diagnosis) -> bool:
+    keeps_base = found.delivered.kind == "base"
+    return keeps_base and found.shrinkage.fraction not in (None, 0.0)
+
+
 def _agrees_and_scatters(found: Diagnosis) -> bool:
     return found.verdict == "no_gap" and not found.agreement.holds
 
@@ -85,6 +90,7 @@ RULES: dict[str, Callable[[Diagnosis], bool]] = {
     "a next test has no gain": _asks_for_a_test_without_gain,
     "a region is not significant, or of no size": _prints_an_empty_region,
     "the model handed over is worse": _delivers_something_worse,
+    "the base is handed over, and the gap shrinks": _promises_for_another_model,
     "no gap above the stated noise": _agrees_and_scatters,
 }
 """What no report may do."""
