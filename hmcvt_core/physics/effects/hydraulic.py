@@ -510,7 +510,7 @@ class OilTemperature(Effect):
     component = "oil"
     summary = "oil temperature changes viscosity: hot oil leaks more and damps less"
     source = "Walther / ASTM D341; Petroff 1883; Palmgren M0 ~ (nu n)^(2/3)"
-    remedy = "log the oil temperature and sweep it"
+    remedy = "sweep the oil temperature, and log it with each test"
     varied = ("motor_damping", "pump_damping", "damping")
 
     strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of an ISO VG 46 oil")
