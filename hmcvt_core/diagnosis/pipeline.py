@@ -171,6 +171,7 @@ def _summarise(
         scatter=scatter,
         members=members,
         set_is_settled=settled,
+        leading=analysis.leading[0] if analysis.has_candidates else None,
         judge=judge,
     )
 

@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a diagnosis leaves unexplained, put into the saved model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from hmcvt_core.benches.transmission import (
     with_empirical_remainder,
     without_remainder,
 )
+from hmcvt_core.benches.transmission.served import handed_over
+from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, campaign, random_points
@@ -104,3 +108,13 @@ def test_a_loss_in_one_stage_of_several_is_served_there(tmp_path):
         effect.stage for effect in loaded.effects if effect.name == "empirical_loss"
     }
     assert "HM3" in stages and "" not in stages
+
+
+def test_a_leading_set_that_the_relevant_explanations_lack_still_competes():
+    mesh = (PlanetaryMesh(0.06),)
+    found = hmcvt.diagnose(BASE, campaign(mesh, seed=1, n=48), noise=NOISE)
+    assert found.named is not None
+    others = ((found.posterior.base_only, 1.0),)
+    posterior = replace(found.posterior, entries=others)
+    handed = handed_over(replace(found, posterior=posterior))
+    assert handed.rmse_after < 0.5 * handed.rmse_before

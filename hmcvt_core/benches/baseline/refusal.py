@@ -106,7 +106,7 @@ def without_absent(diagnosis: Diagnosis) -> Diagnosis:
         diagnosis: of a unit, or of a change, that names causes.
     """
     absent = {
-        cause.effect: diagnosis.posterior.best_with(cause.effect).names
+        cause.effect: _most_probable_set(cause)
         for cause in diagnosis.causes
         if _may_be_absent(cause)
     }
@@ -135,6 +135,12 @@ def without_absent(diagnosis: Diagnosis) -> Diagnosis:
     if not sets:
         return _refused(diagnosis, "no effect is shown to be present")
     return _with_sets(diagnosis, sets, min(unlisted, 1.0))
+
+
+def _most_probable_set(cause: Cause) -> tuple[str, ...]:
+    """Return the names of the most probable set that holds a cause, sorted."""
+    partners = cause.together_with.split(" and ") if cause.together_with else []
+    return tuple(sorted([cause.effect, *partners]))
 
 
 def _may_be_absent(cause: Cause) -> bool:

@@ -148,7 +148,8 @@ def _with_model(diagnosis: Diagnosis, handed: HandedOver) -> Diagnosis:
     if handed.kind == AVERAGE:
         measurement = diagnosis.judge.measured_model(predict, handed.left_out)
     elif handed.kind == LEADING_SET:
-        measurement = diagnosis.judge.measured(leading_explanation(diagnosis))
+        assert diagnosis.leading is not None
+        measurement = diagnosis.judge.measured(diagnosis.leading)
     else:
         measurement = diagnosis.judge.measured(diagnosis.posterior.base_only)
     return replace(
@@ -171,7 +172,7 @@ def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
     """
     campaign = _Campaign(diagnosis)
     left_out = {BASE: campaign.base}
-    if diagnosis.named is not None:
+    if diagnosis.named is not None and diagnosis.leading is not None:
         left_out[LEADING_SET] = campaign.leading
     if empirical and len(campaign.observed) >= SMALL_CAMPAIGN:
         left_out[AVERAGE] = campaign.average
@@ -189,12 +190,6 @@ def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
     root_mean_square = np.sqrt(np.mean(after**2, axis=0))
     model = with_misfit(diagnosis, model, root_mean_square)
     return HandedOver(best, model, bumps, rms(before), rms(after), after)
-
-
-def leading_explanation(diagnosis: Diagnosis) -> Explanation:
-    """Return the explanation of the leading set."""
-    explanation, _ = diagnosis.posterior.sets[diagnosis.sets[0].effects]
-    return explanation
 
 
 def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
@@ -236,7 +231,8 @@ class _Campaign:
     @cached_property
     def leading(self) -> Array:
         """Errors with the leading set, as `base`."""
-        return self._errors(leading_explanation(self.diagnosis))
+        assert self.diagnosis.leading is not None
+        return self._errors(self.diagnosis.leading)
 
     @cached_property
     def average(self) -> Array:

@@ -306,6 +306,7 @@ class Outcome:
         left_out: samples that stand alone against their neighbours and were left out, in words.
         served: the model that is handed over, saved and served; None for the one with the leading
             set, or the base model where no cause is named.
+        leading: explanation of the first of `sets`; None where there is none.
         headline: sentence for the mechanic where the bench gives a better one; empty for none.
         judge: measures how far the gap shrinks with any other model.
     """
@@ -342,6 +343,7 @@ class Outcome:
     set_is_settled: bool = False
     left_out: tuple[str, ...] = ()
     served: Any = None
+    leading: Explanation | None = field(default=None, repr=False)
     headline: str = ""
     judge: Judge | None = field(default=None, repr=False)
 
