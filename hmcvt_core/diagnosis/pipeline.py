@@ -118,14 +118,15 @@ def _summarise(
     residuals_after = residuals
     base_parameters = parameters_of(base_only, base_only.fit)
     parameters = base_parameters
-    measurement = judge.measured(base_only)
-    kind = BASE
     if verdict in NAMING and analysis.posterior.sets:
         leading, _ = analysis.leading
         residuals_after = validation.errors(leading)
         parameters = parameters_of(leading, leading.served_fit)
         measurement = judge.measured(leading)
         kind = LEADING_SET
+    else:
+        measurement = judge.measured(base_only)
+        kind = BASE
     return Diagnosis(
         gap=Gap(
             samples=len(residuals),

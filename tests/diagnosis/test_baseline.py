@@ -9,6 +9,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
+from hmcvt_core.benches.baseline.record import _without_gap
 from hmcvt_core.physics.effects.mechanical import Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
 from hmcvt_tools.report import html
@@ -98,6 +99,13 @@ def test_no_gap_stands_above_no_significant_one(sound):
     assert answer.verdict == "no_gap"
     assert answer.gap.p_value > 0.02 and not answer.gap.significant
     assert answer.shrinkage.before <= answer.gap.rmse
+
+
+def test_without_a_gap_the_base_is_handed_over(worn):
+    assert worn.delivered.kind == "leading set"
+    without = _without_gap(worn, worn.baseline.excess)
+    assert without.delivered.kind == "base" and without.model is without.base
+    np.testing.assert_array_equal(without.residuals_after, without.residuals_before)
 
 
 def test_json_and_text_name_the_baseline(worn):

@@ -331,7 +331,7 @@ def _without_gap(diagnosis: Diagnosis, excess: Excess) -> Diagnosis:
     )
     beyond = np.sqrt(max(gap.rmse**2 - gap.noise**2, 0.0))
     return replace(
-        diagnosis,
+        keeping_base(diagnosis),
         verdict="no_gap",
         gap=gap,
         where=(),
@@ -350,10 +350,6 @@ def _without_gap(diagnosis: Diagnosis, excess: Excess) -> Diagnosis:
             fraction=None,
             interval=None,
         ),
-        delivered=replace(
-            diagnosis.delivered, rmse_after=diagnosis.delivered.rmse_before
-        ),
-        parameters=diagnosis.base_parameters,
         next_tests=(),
         notes=notes,
     )
