@@ -80,6 +80,8 @@ def test_constructor_that_fails_keeps_nothing(host, tmp_path):
     for wrong in ("vehicle_file", "engine_file", "model_file"):
         with pytest.raises(hmcvt.InputError, match="vehicle"):
             make("own", **given, **{wrong: str(tmp_path / "vehicle.yaml")})
+        for started in set(threading.enumerate()) - threads:
+            started.join(timeout=30.0)
         assert {t for t in threading.enumerate() if t.is_alive()} <= threads
     node = make("own", **given)
     assert node.close() and node.close()
