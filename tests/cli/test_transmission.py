@@ -119,3 +119,52 @@ def test_an_assumed_displacement_is_stated(hmcvt, tmp_path):
     done = hmcvt(*arguments(path), *stated, "--stage", STAGE)
     assert "is assumed for" not in done.out
     assert "motor_displacement_cm3_per_rev: 80.5\n" in path.read_text()
+
+
+TEETH = [
+    *("--gear-pair", "A=36/45", "--gear-pair", "P=31/40", "--gear-pair", "M=52/26"),
+    *("--gear-pair", "O=70/28", "--gear-pair", "R=44/30", "--planetary-row", "k=96/36"),
+    *("--stage", "F1 row=k mechanical=A:ring pump=P motor=M:sun output=O:carrier"),
+    *("--stage", "F2 row=k mechanical=A:ring pump=P motor=M:sun output=direct:carrier"),
+    *(
+        "--stage",
+        "R row=k reverse=yes mechanical=-R:ring pump=P motor=M:sun output=O:carrier",
+    ),
+    *("--clutch", "C1 between=carrier/O,output closed=F1,R"),
+    *("--clutch", "C2 between=carrier,output closed=F2"),
+]
+
+
+def test_new_file_from_teeth_with_clutches(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    made = hmcvt("transmission", "new", path, *TEETH)
+    assert made.code == 0, made.err
+    assert "A: 45 teeth drive 36, the driven shaft turns 1.25 times as fast" in made.out
+    text = path.read_text(encoding="utf-8")
+    assert "A: 36/45" in text and "k: 96/36" in text and "gear_pairs: []" in text
+    checked = hmcvt("transmission", "check", path, "--picture", tmp_path / "p.svg")
+    assert checked.code == 0, checked.err
+    ratio = 45 / 36 * (96 / 132) * 28 / 70
+    assert f"{ratio:.4f}" in checked.out
+
+
+def test_teeth_and_clutches_that_make_no_sense_leave_no_file(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--gear-pair", "B=36/4"),
+        "4 is no count of teeth; allowed 5 to 1000",
+    )
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--gear-pair", "direct=1"),
+        "'direct' stands for no pair",
+    )
+    wrong = "C3 between=carrier,output closed=F1"
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--clutch", wrong),
+        "clutches.C3.closed = F1",
+    )
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--clutch", "C3 between=ring"),
+        "between=SIDE,SIDE",
+    )
+    assert not path.exists()
