@@ -18,14 +18,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ..errors import InputError
 from .mapping import Section
 from .teeth import gear_ratio
-
-if TYPE_CHECKING:
-    from .stage import Path, Stage
 
 MEMBERS = ("sun", "ring", "carrier")
 CLOSED_SLIP = 0.01
@@ -35,6 +32,12 @@ Chosen: ratios written with three digits differ by up to 0.5 % each.
 """
 
 _SIDE = "[-]SHAFT[*PAIR or /PAIR ...]"
+
+
+Stage = Any
+"""`hmcvt_core.transmission.stage.Stage`, whose module imports this one."""
+Path = Any
+"""`hmcvt_core.transmission.stage.Path`."""
 
 
 class ShaftSpeed(NamedTuple):

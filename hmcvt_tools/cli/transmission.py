@@ -9,13 +9,21 @@ import click
 from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.files.bench import read_bench, write_bench
+from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stages
+from hmcvt_core.model.signs import sign_problems, with_corrected_signs
 from hmcvt_core.transmission.check import STROKES, TransmissionCheck, check_stages
 from hmcvt_core.transmission.new_file import (
     DIRECT,
     clutch_from_text,
     commented_file,
     stage_from_text,
+)
+from hmcvt_core.transmission.parameters import (
+    PRIOR_MEAN,
+    HydraulicParameters,
+    from_scaled,
 )
 from hmcvt_core.transmission.teeth import tooth_counts
 
@@ -304,5 +312,54 @@ def _report(check: TransmissionCheck) -> str:
     return "\n".join(lines)
 
 
+@common.command(
+    "signs",
+    """
+  hmcvt transmission signs bench.csv --transmission gears.yaml --out corrected.csv
+  hmcvt transmission signs bench.csv --params model.yaml --json""",
+)
+@click.argument("bench", metavar="BENCH.csv")
+@click.option(
+    "--transmission", metavar="T.yaml", help="Transmission file of the machine."
+)
+@click.option("--params", metavar="P.yaml", help="Parameter file of the machine.")
+@click.option(
+    "--out",
+    type=common.OutputFile(),
+    metavar="CORRECTED.csv",
+    help="Write the bench file with corrected signs.",
+)
+def signs(
+    bench: str, transmission: str | None, params: str | None, out: str | None
+) -> Answer:
+    """Check the signs of output speed and pressure, stage by stage, and correct them.
+
+    Bench files state the output speed negative backward, and the pressure as high less low side of
+    the motor with the sign of the output. A speed without sense, and a pressure as port A less
+    port B, are recognised by gear train and load; --out writes the file with their signs corrected.
+    """
+    common.one_of("name the machine", transmission=transmission, params=params)
+    common.keep_inputs([bench, transmission, params], [out])
+    stages, effects = common.gear_train(params, transmission, None)
+    typical = HydraulicParameters(*from_scaled(PRIOR_MEAN))
+    model = EfficiencyModel(
+        stages[0], typical, effects=effects, other_stages=tuple(stages[1:])
+    )
+    corrected, found = with_corrected_signs(model, read_bench(bench))
+    rows = [
+        (item.stage, str(item.samples), item.output_speed, item.pressure)
+        for item in found
+    ]
+    lines = [common.table(["stage", "samples", "output speed", "pressure"], rows)]
+    problems = sign_problems(found)
+    lines += [f"note: {problem}" for problem in problems]
+    if out is not None:
+        write_bench(out, corrected)
+        lines.append(f"{len(corrected)} samples written to {out}")
+    value = {"stages": [item.to_dict() for item in found], "problems": problems}
+    return Answer(value, lines)
+
+
 group.add_command(new)
 group.add_command(check)
+group.add_command(signs)

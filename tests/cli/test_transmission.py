@@ -2,6 +2,9 @@
 """`hmcvt transmission`, and errors of the files that hold a gear train."""
 
 import pytest
+from end_to_end import box
+
+from hmcvt_core import read_bench
 
 from .running import HM4, ROOT, assert_refused, process
 
@@ -168,3 +171,46 @@ def test_teeth_and_clutches_that_make_no_sense_leave_no_file(hmcvt, tmp_path):
         "between=SIDE,SIDE",
     )
     assert not path.exists()
+
+
+def reverse_bench(hmcvt, tmp_path):
+    """A bench of the five-stage box without a sense of speed, and its gears."""
+    gears = tmp_path / "gears.yaml"
+    assert hmcvt("transmission", "new", gears, *box.DESCRIPTION).code == 0
+    lines = [
+        "displacement_ratio,engine_speed,load_torque,efficiency,output_speed,stage"
+    ]
+    for stage, stroke, speed, power, oil in box.plan(12):
+        state = box.steady(box.Machine(), stage, stroke, speed, power, oil)
+        efficiency = power / (state.engine_torque * speed)
+        row = (stroke, speed, power / speed, efficiency, abs(state.output_speed), stage)
+        lines.append(",".join(map(str, row)))
+    bench = tmp_path / "bench.csv"
+    bench.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return bench, gears
+
+
+def test_signs_of_a_bench_without_a_sense_are_corrected(hmcvt, tmp_path):
+    bench, gears = reverse_bench(hmcvt, tmp_path)
+    identified = hmcvt("identify", bench, "--transmission", gears)
+    assert "output_speed in stage R turns against the gear train" in identified.out
+    corrected = tmp_path / "corrected.csv"
+    done = hmcvt(
+        *("transmission", "signs", bench, "--transmission", gears, "--out", corrected),
+        "--json",
+    )
+    signs = {item["stage"]: item["output_speed"] for item in done.json["stages"]}
+    assert signs.pop("R") == "wrong" and set(signs.values()) == {"right"}
+    assert read_bench(corrected).output_speed.min() < -5.0
+    model = tmp_path / "model.yaml"
+    again = hmcvt("identify", corrected, "--transmission", gears, "--out", model)
+    assert again.code == 0 and "against the gear train" not in again.out + again.err
+    forward = ("optimum", "--params", model, "--stage", "R", "--output-power", "15kW")
+    assert_refused(
+        hmcvt(*forward, "--output-speed", "10"),
+        "backward, in stage R, --output-speed is negative",
+    )
+    backward = hmcvt(*forward, "--output-speed", "-10", "--json")
+    assert backward.json["stage"] == "R"
+    # By the gear train alone the box drives backward at this stroke.
+    assert box.speed_ratio("R", backward.json["displacement_ratio"]) < -0.05
