@@ -2,9 +2,9 @@
 """`hmcvt transmission`, and errors of the files that hold a gear train."""
 
 import pytest
-from end_to_end import box
 
 from hmcvt_core import read_bench
+from studies.gearbox import box
 
 from .running import HM4, ROOT, assert_refused, process
 

@@ -38,6 +38,8 @@ METER_RANGES = (1000.0, 3000.0)
 """Of the torque meters of engine and output [N m]."""
 METER_CLASS = 0.001
 """Of the torque meters: error / range [-]."""
+TYPICAL_DRAG = 0.01
+"""Of one open clutch at viscosity 1 [N m s/rad]."""
 EFFICIENCY_NOISE = 0.002
 """Of a test, relative, by both torques together [-]."""
 
