@@ -32,6 +32,8 @@ FRICTION = 0.01
 """Friction torque / pressure torque of either unit [-]."""
 MEDIUM_OIL = 70.0
 """Oil temperature at which the viscosity is 1 [deg C]."""
+STANDING = 2.0
+"""Motor speed within which friction changes its sense [rad/s]."""
 VISCOSITY_SLOPE = 0.022
 """Relative change of the viscosity per kelvin [1/K]."""
 METER_RANGES = (1000.0, 3000.0)
@@ -138,18 +140,21 @@ def steady(
     stage: str,
     stroke: float,
     engine_speed: float,
-    output_power: float,
+    output_torque: float,
     oil: float,
 ) -> Test:
-    """Return the steady state at which the output passes a power.
+    """Return the steady state against the torque of a brake.
 
     Args:
         machine: of the type.
         stage: engaged.
         stroke: of the pump [-].
         engine_speed: [rad/s].
-        output_power: [W].
+        output_torque: of the brake, without sign [N m].
         oil: temperature [deg C].
+
+    Raises:
+        ValueError: the brake stalls the output.
     """
     viscosity = math.exp(-VISCOSITY_SLOPE * (oil - MEDIUM_OIL))
     volume = DISPLACEMENT * 1e-6 / (2.0 * math.pi)
@@ -163,18 +168,20 @@ def steady(
         output = carrier / output_ratio(stage)
         drag = machine.clutch_drag * viscosity
         heat = drag * _slips_squared(stage, engine_speed, carrier, output)
+        output_power = output_torque * abs(output)
         at_carrier = _passed(output_power, len(OUTPUT[stage])) + heat
-        at_sun = at_carrier * SUN / (RING + SUN) * sun / carrier
         sun_torque = at_carrier / carrier * SUN / (RING + SUN)
-        efficiency = PAIR_EFFICIENCY ** (-1.0 if at_sun > 0.0 else 1.0)
-        motor_torque = sun_torque / ratio("M") * efficiency
+        turning = math.tanh(motor / STANDING) * math.copysign(1.0, sun_torque)
+        motor_torque = sun_torque / ratio("M") * PAIR_EFFICIENCY**-turning
         shaft = motor_torque + machine.motor_damping * viscosity * motor
-        lost = FRICTION * math.copysign(1.0, motor * shaft)
+        lost = FRICTION * turning
         pressure = shaft / (volume * (1.0 - lost))
         settled = (stroke * volume * pump - leakage * pressure) / volume
         if abs(settled - motor) < 1e-12 * pump:
             break
         motor = 0.5 * (settled + motor)
+    else:
+        raise ValueError(f"{stage} at stroke {stroke:g} is stalled")
     ideal = stroke * volume * pressure
     pump_torque = (
         ideal + FRICTION * abs(ideal) + machine.pump_damping * viscosity * pump
@@ -184,7 +191,8 @@ def steady(
     # The two clutches of the ring: one is open at any time, its sides turn against each other.
     ring_heat = drag * (engine_speed * (1.0 / ratio("A") + 1.0 / ratio("R"))) ** 2
     into = _passed(at_ring, 1) + _passed(at_pump, 1) + ring_heat
-    return Test(output, into / engine_speed, output_power / output, pressure)
+    torque = math.copysign(output_torque, output)
+    return Test(output, into / engine_speed, torque, pressure)
 
 
 def _slips_squared(
@@ -200,7 +208,7 @@ def _slips_squared(
 
 
 def plan(tests: int) -> list[tuple[str, float, float, float, float]]:
-    """Return stage, stroke, engine speed, output power and oil temperature of a campaign.
+    """Return stage, stroke, engine speed, brake torque and oil temperature of a campaign.
 
     Args:
         tests: in each stage.
@@ -210,14 +218,16 @@ def plan(tests: int) -> list[tuple[str, float, float, float, float]]:
     powers = np.array([25e3, 50e3, 80e3])
     points = []
     for stage in OUTPUT:
-        usable = strokes[strokes < 0.3] if stage == "R" else strokes
+        # Next to standstill the slip of the reverse stage is as large as its speed.
+        usable = strokes[strokes < -0.2] if stage == "R" else strokes
         scale = 0.2 if stage == "R" else 1.0
         for number in range(tests):
             stroke = usable[number % len(usable)]
             speed = speeds[(number + number // len(usable)) % 3]
             power = scale * powers[(number + number // 3) % 3]
             oil = 62.0 + 4.0 * (number % 5)
-            points.append((stage, float(stroke), float(speed), float(power), oil))
+            torque = power / (speed * abs(speed_ratio(stage, stroke)))
+            points.append((stage, float(stroke), float(speed), float(torque), oil))
     return points
 
 
@@ -244,9 +254,9 @@ def campaign(
     zeros = random.normal(0.0, 1.0, (days, 2)) * deviation
     rows = []
     for place, index in enumerate(order):
-        stage, stroke, speed, power, oil = points[index]
+        stage, stroke, speed, torque, oil = points[index]
         day = place * days // len(order)
-        done = steady(machine, stage, stroke, speed, power, oil)
+        done = steady(machine, stage, stroke, speed, torque, oil)
         noise = random.normal(0.0, EFFICIENCY_NOISE / math.sqrt(2.0), 2)
         engine = done.engine_torque * (1.0 + noise[0]) + zeros[day, 0]
         output = done.output_torque * (1.0 + noise[1]) + zeros[day, 1]

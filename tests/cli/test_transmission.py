@@ -180,8 +180,9 @@ def reverse_bench(hmcvt, tmp_path):
     lines = [
         "displacement_ratio,engine_speed,load_torque,efficiency,output_speed,stage"
     ]
-    for stage, stroke, speed, power, oil in box.plan(12):
-        state = box.steady(box.Machine(), stage, stroke, speed, power, oil)
+    for stage, stroke, speed, torque, oil in box.plan(12):
+        state = box.steady(box.Machine(), stage, stroke, speed, torque, oil)
+        power = torque * abs(state.output_speed)
         efficiency = power / (state.engine_torque * speed)
         row = (stroke, speed, power / speed, efficiency, abs(state.output_speed), stage)
         lines.append(",".join(map(str, row)))
