@@ -320,6 +320,28 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
     return parts
 
 
+def stray_stamps(time: Array) -> NDArray[np.bool_]:
+    """Return which stamps jump ahead for one reading, shape (n,).
+
+    The clock goes on below them, so that the reading is dropped and not all that follow.
+
+    Args:
+        time: stamps in the order of the file, NaN where none is known, shape (n,) [s].
+    """
+    stray = np.zeros(len(time), dtype=bool)
+    known = np.flatnonzero(np.isfinite(time))
+    stamps = time[known]
+    if len(stamps) < 3:
+        return stray
+    before = np.append(-np.inf, stamps[:-1])
+    after = np.append(stamps[1:], np.inf)
+    ahead = (stamps > after) & (before < after)
+    # The first one is wrong only where the second one is not.
+    ahead[0] = stamps[0] > stamps[2] > stamps[1]
+    stray[known] = ahead
+    return stray
+
+
 _MAX_STEPS = 3.0
 """Usual steps of a signal across which it is joined; more is a gap."""
 _MIN_REACH = 0.05

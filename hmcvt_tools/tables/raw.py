@@ -43,12 +43,12 @@ from .proposal import (
     propose,
 )
 from .recordings import (
+    clock_of,
     cut,
     even_columns,
     is_recording,
     looks_recorded,
     powers,
-    stamp_origin,
 )
 from .rules import meaning_of
 from .shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
@@ -702,8 +702,8 @@ def _from_recording(
     unchecked: bool,
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
-    origin = stamp_origin(values["stamp"])
-    values["stamp"] = values["stamp"] - origin
+    clock = clock_of(values["stamp"])
+    values["stamp"] = clock.stamp
     if not unchecked:
         spares = _all_values(proposal.spares, table)
         _refuse_contradictions(
@@ -722,9 +722,7 @@ def _from_recording(
         source=table.source,
         sha256=table.sha256,
     )
-    notes = [*proposal.notes, *proposal.assumed, *windows.notes]
-    if origin:
-        notes.append(f"stamps begin below zero: times count from {origin:g} s")
+    notes = [*proposal.notes, *proposal.assumed, *windows.notes, *clock.notes]
     if table.broken:
         first = min(table.broken)
         notes.append(

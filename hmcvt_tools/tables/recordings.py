@@ -27,6 +27,7 @@ from ..steady import (
     reach_of,
     split_at_gaps,
     steady_tests,
+    stray_stamps,
 )
 from .header import RawTable
 from .numbers import last_digit
@@ -64,10 +65,39 @@ class Cut(NamedTuple):
     notes: tuple[str, ...]
 
 
-def stamp_origin(stamp: Array) -> float:
-    """Return the whole second from which stamps count so that none is below zero [s].
+class Clock(NamedTuple):
+    """Stamps of a recording from zero on.
+
+    Attributes:
+        stamp: NaN where none is known or one is wrong, shape (n,) [s].
+        notes: what was changed.
+    """
+
+    stamp: Array
+    notes: tuple[str, ...]
+
+
+def clock_of(stamp: Array) -> Clock:
+    """Return stamps without single wrong ones, counted so that none is below zero.
 
     What is recorded before a trigger has stamps below zero.
+
+    Args:
+        stamp: times in the order of the file, NaN where none is known, shape (n,) [s].
+    """
+    notes = []
+    wrong = stray_stamps(stamp) | stray_stamps(-stamp[::-1])[::-1]
+    if wrong.any():
+        notes.append(f"{int(wrong.sum())} rows with a stamp out of order left out")
+    kept = np.where(wrong, np.nan, stamp)
+    origin = stamp_origin(kept)
+    if origin:
+        notes.append(f"stamps begin below zero: times count from {origin:g} s")
+    return Clock(kept - origin, tuple(notes))
+
+
+def stamp_origin(stamp: Array) -> float:
+    """Return the whole second from which stamps count so that none is below zero [s].
 
     Args:
         stamp: times [s], NaN where none is known, shape (n,).
