@@ -133,7 +133,10 @@ def test_names_of_cycles(tmp_path, name):
 def test_columns_of_cycles_that_are_not_used_are_named(tmp_path):
     header = "time,output_speed,output_power,slope [%],operator"
     read = cycle(tmp_path / "c.csv", header, "100,5000,3,7")
-    assert read.remarks == ("columns not used: slope [%], operator",)
+    assert read.remarks == (
+        "columns not used: slope [%], operator",
+        "without a unit, taken as: output_speed [rad/s], output_power [W]",
+    )
 
 
 def test_a_name_like_a_known_one_is_asked(tmp_path):
@@ -157,7 +160,62 @@ def test_a_cycle_without_a_load(tmp_path, header):
     )
     np.testing.assert_array_equal(read.output_power, forced.output_power)
     assert "a drawbar force of 0 N is taken" in read.remarks[0]
-    assert forced.remarks == ()
+    assert forced.remarks == (
+        "without a unit, taken as: ground_speed [m/s], drawbar_force [N]",
+    )
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "complaint"),
+    [
+        (
+            "time,Ground Speed,drawbar_force [kN]",
+            "8,20",
+            "'Ground Speed' states no unit",
+        ),
+        ("time,vehicle speed,drawbar_force [kN]", "8,20", "states no unit: call it"),
+        ("time,ground_speed [km/h],Zugkraft", "8,20", "'Zugkraft' states no unit"),
+        ("time,ground_speed [km/h],drawbar_force", "8,20", r"drawbar_force \[kN\] or"),
+        (
+            "time,ground_speed [km/h],auxiliary_power",
+            "8,12",
+            r"auxiliary_power \[kW\] or",
+        ),
+    ],
+)
+def test_units_that_a_cycle_leaves_open(tmp_path, header, row, complaint):
+    with pytest.raises(InputError, match=complaint):
+        cycle(tmp_path / "c.csv", header, row)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Zeit [s],Abtriebsdrehzahl [1/min],Abtriebsleistung [kW],Zapfwellenleistung [kW]",
+        "t [s],n_output [rpm],P_out [kW],P_pto [kW]",
+        "elapsed time [s],output speed [rpm],Output Power (kW),PTO (kW)",
+    ],
+)
+def test_names_of_cycles_in_other_words(tmp_path, header):
+    read = cycle(tmp_path / "c.csv", header, "600,20,30")
+    assert read.output_speed[0] == pytest.approx(20.0 * np.pi)
+    assert read.output_power[0] == 20e3
+    assert read.pto_power[0] == 30e3
+    assert read.remarks == ()
+
+
+def test_the_speed_of_a_pto_whose_power_is_there_is_put_aside(tmp_path):
+    header = (
+        "time,ground_speed [km/h],drawbar_force [kN],pto_power [kW],PTO speed [rpm]"
+    )
+    read = cycle(tmp_path / "c.csv", header, "8,20,30,540")
+    assert read.remarks == ("columns not used: PTO speed [rpm]",)
+
+
+def test_the_torque_of_a_cycle_gives_its_power(tmp_path):
+    header = "time,output_speed [rpm],output_torque [Nm]"
+    read = cycle(tmp_path / "c.csv", header, "600,500")
+    assert read.output_power[0] == pytest.approx(20.0 * np.pi * 500.0)
 
 
 def engine_map(path, worst=230.0):
