@@ -55,6 +55,37 @@ def test_relative_displacement(tmp_path, language):
 
 
 @pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("rel. Schwenkwinkel [%]", "displacement_ratio"),
+        ("relatives F\u00f6rdervolumen [%]", "displacement_ratio"),
+        ("taux de cylindr\u00e9e [%]", "displacement_ratio"),
+        ("relaci\u00f3n de cilindrada [-]", "displacement_ratio"),
+        ("inclinazione piatto [%]", "displacement_ratio"),
+        ("\u659c\u76d8\u5f00\u5ea6 [%]", "displacement_ratio"),
+        ("\u8f93\u5165\u7aef\u8f6c\u901f [rpm]", "engine_speed"),
+        ("Gelenkwellendrehzahl [1/min]", "output_speed"),
+        ("coppia in uscita [Nm]", "output_torque"),
+        ("velocit\u00e0 in uscita [rpm]", "output_speed"),
+        ("\u00d6lsumpftemperatur [\u00b0C]", "oil_temperature"),
+        ("torque in [Nm]", "engine_torque"),
+        ("Drehzahlverh\u00e4ltnis [-]", ""),
+        ("rapport de vitesse [-]", ""),
+        ("Drehmomentverh\u00e4ltnis [Nm]", ""),
+    ],
+)
+def test_headings_of_reports(name, quantity):
+    meaning = meaning_of(name)
+    assert meaning.quantity == quantity
+    assert not meaning.unknown
+
+
+def test_two_spellings_of_one_unit_agree():
+    assert meaning_of("engine rpm", "1/min").problem == ""
+    assert meaning_of("engine rpm", "deg/s").problem.startswith("the header says")
+
+
+@pytest.mark.parametrize(
     ("unit", "size"), [("‰", 1e-3), ("ppm", 1e-6), ("promille", 1e-3), ("%", 1e-2)]
 )
 def test_parts_of_a_whole(tmp_path, unit, size):
