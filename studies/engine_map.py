@@ -44,10 +44,10 @@ LOADS = np.linspace(0.0, 1.0, 21)
 """Torque of the table by that of full load [-]."""
 NAME = "engine_bowl.csv"
 COMMENT = (
-    "# Bowl-shaped fuel map: extended Willans line of CO2MPAS (Fontaras et al., Applied Energy 226\n"
-    "# (2018) 784-796) with its published coefficients for compression ignition (JRC, EUPL 1.2),\n"
-    "# for 4.5 l and a stroke of 132 mm, both assumed; full load as in engine.csv.\n"
-    "# Made by `python -m studies.engine_map`.\n"
+    "# Bowl-shaped fuel map: extended Willans line of CO2MPAS (Fontaras et al., Applied\n"
+    "# Energy 226 (2018) 784-796) with its published coefficients for compression ignition\n"
+    "# (JRC, EUPL 1.2), for 4.5 l and a stroke of 132 mm, both assumed; full load as in\n"
+    "# engine.csv. Made by `python -m studies.engine_map`.\n"
 )
 
 
