@@ -436,7 +436,7 @@ class EfficiencyModel:
         if type(efficiency) is float and self.correlation is not None:
             changes = []
             for steps, model in self.neighbours:
-                changed = model.efficiency(*point, oil_temperature, stage)
+                changed: Any = model.efficiency(*point, oil_temperature, stage)
                 changes.append((changed - efficiency) * steps)
             rows = self._correlation_rows
             return self._predicted_point(efficiency, changes, rows, point, stage)
@@ -632,7 +632,12 @@ class EfficiencyModel:
             if solver.losses_at_point is not None:
                 shares = solver.losses_at_point.shares(*point)
             if shares is not None:
-                return Breakdown(*shares, stage=model.stage.name)
+                return Breakdown(
+                    shares.input_power,
+                    shares.output_power,
+                    shares.losses,
+                    model.stage.name,
+                )
         points = OperatingPoints.checked(
             (displacement_ratio, engine_speed, load_torque), oil_temperature
         )
