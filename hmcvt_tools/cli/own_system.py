@@ -30,9 +30,9 @@ def _noise(
 @common.command(
     "diagnose-system",
     """
-  hmcvt diagnose-system examples/own_system.py:Fan fan.csv --noise efficiency=0.002
-  hmcvt diagnose-system my_package.joint:JOINT tests.csv --holdout later.csv --json
-  hmcvt diagnose-system drive.py:DRIVE bench.csv --report report.html""",
+  hmcvt diagnose-system examples/electric_drive.py:DRIVE data/electric_drive.csv
+  hmcvt diagnose-system examples/electric_drive.py:DRIVE data/electric_drive.csv \
+    --noise battery_power=15 --noise phase_current=0.15 --report drive.html""",
     common.report_option,
     common.picture_option,
     common.seed_option,
