@@ -79,6 +79,8 @@ class Channel:
         least: standard deviation assumed at a reading of zero, in the channel's unit.
         served: whether users take this channel from the model. The others, auxiliary channels,
             only help to find the cause.
+        change_spread: prior standard deviation of the factor by which this channel shows a change
+            otherwise than predicted [-], as where it reads an unknown part of a leak.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Channel:
     misfit_spread: float
     least: float = 0.0
     served: bool = True
+    change_spread: float = 0.0
 
     def deviation(self, reading: Array) -> Array:
         """Return the standard deviation assumed for readings, same shape and unit."""
