@@ -126,7 +126,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Gauge:
-    """Errors of what reads a channel, as standard deviations.
+    """Errors of what reads a quantity, as standard deviations.
 
     Attributes:
         name: in words.
@@ -158,7 +158,8 @@ class Quantity(Range):
         averaged: whether the import of a recording averages it over a steady window.
         missing: what a diagnosis lacks without it; empty for nothing worth a remark.
         channel: how it is compared with the model; None where it is not predicted.
-        gauge: errors of what reads it; None where no fit adjusts any.
+        gauge: errors of what reads it; None where no fit adjusts any. Those of a quantity that a
+            test sets are by session.
     """
 
     kind: str = ""
@@ -188,6 +189,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         required=True,
         joint=False,
         averaged=True,
+        # Of full stroke; calibrations of the sensor of the plate agree to 0.2 to 0.5 %.
+        gauge=Gauge("stroke sensor", gain=0.003, zero=0.003, by_session=True),
     ),
     Quantity(
         name="engine_speed",

@@ -53,6 +53,10 @@ COMMANDS = {
         "gap:unit",
         "diagnose a single pump or motor, from its tests or a maker's table",
     ),
+    "diagnose-system": (
+        "own_system:command",
+        "diagnose the gap between any simulator and its bench",
+    ),
     "separable": ("gap:separable", "report which effects a test plan can distinguish"),
     "import": (
         "import_table:command",
@@ -79,6 +83,7 @@ SECTIONS = {
         "separable",
         "watch",
         "unit",
+        "diagnose-system",
         "fleet",
     ),
     "Data in and out": ("import", "import-bag", "export"),

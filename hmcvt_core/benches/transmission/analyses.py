@@ -4,6 +4,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -236,7 +237,9 @@ def read_plan(
             f"cannot be carried there; {_largest_load(model, plan, row):.4g} N m can"
         )
     wanted = {"efficiency", *channels, *known}
-    readings = {name: row for name, row in expected.items() if name in wanted}
+    readings: dict[str, Any] = {
+        name: row for name, row in expected.items() if name in wanted
+    }
     return replace(plan, **readings)
 
 
