@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hmcvt_core.model.model import EfficiencyModel
@@ -75,7 +77,10 @@ def random_demands(model: EfficiencyModel, count: int, seed: int) -> Array:
         speed = float(ratio) * random.uniform(low, high)
         least = ranges.OUTPUT_SPEED.low
         speeds.append(speed if abs(speed) >= least else least)
-    powers = np.exp(random.uniform(*np.log(_POWERS), count))
+    least_power, highest_power = _POWERS
+    powers = np.exp(
+        random.uniform(math.log(least_power), math.log(highest_power), count)
+    )
     # What a float holds, so that single precision reads the same demand.
     demands = np.column_stack([speeds, powers]).astype(np.float32)
     return demands.astype(float)
@@ -84,7 +89,9 @@ def random_demands(model: EfficiencyModel, count: int, seed: int) -> Array:
 def _vectors(model: EfficiencyModel) -> str:
     """Return the choices of Python along random demands, each from the stage chosen before."""
     names = list(model.stages)
-    low, high = np.float32(ranges.ENGINE_SPEED_LIMITS).tolist()
+    limits = np.array(ranges.ENGINE_SPEED_LIMITS, dtype=np.float32)
+    low = float(limits[0])
+    high = float(limits[1])
     lines = [",".join(COLUMNS)]
     engaged = -1
     for number, (speed, power) in enumerate(
