@@ -21,6 +21,7 @@ from ..tables.raw import Column, Imported, Proposal, choose_columns, import_tabl
 from ..tables.units import UNITS
 from . import common, logs
 from .common import Answer
+from .import_checks import checked_by_gears, with_session
 
 _STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 
@@ -103,6 +104,17 @@ def _quantity_option(quantity: str, text: str) -> Callable[[Any], Any]:
     help="Write the columns and settings used, for tables of the same kind.",
 )
 @click.option(
+    "--session",
+    metavar="COLUMN",
+    help="Column that names the session of each test, between which the meters may drift; of "
+    "the column of the stamps each day is one.",
+)
+@click.option(
+    "--transmission",
+    metavar="T.yaml",
+    help="Transmission file: the speeds of each stage are checked against it.",
+)
+@click.option(
     "--yes", is_flag=True, help="Take the proposal, where nothing in it is open."
 )
 @click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
@@ -126,6 +138,8 @@ def command(
     decimal: str | None,
     mapping: str | None,
     save_mapping: str | None,
+    session: str | None,
+    transmission: str | None,
     yes: bool,
     skip_bad: bool,
     averaged: bool,
@@ -146,7 +160,7 @@ def command(
     torque are computed where no column holds them. Other columns are kept. A recording is cut into
     its steady windows.
     """
-    inputs = [raw] if mapping is None else [raw, mapping]
+    inputs = [raw, mapping, transmission]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
     of_logs = {
         "dbc": dbc,
@@ -156,6 +170,8 @@ def command(
         "group": group,
     }
     if is_log(raw):
+        if session is not None or transmission is not None:
+            raise click.UsageError("--session and --transmission are for tables")
         return logs.import_command(
             raw, out, mapping, save_mapping, yes, unchecked, given, of_logs
         )
@@ -173,10 +189,11 @@ def command(
     )
     guesses = {name: column for name, column in proposal.columns.items() if column.why}
     columns = named | {name: _text(column) for name, column in guesses.items()}
+    named_files = {"session": session, "transmission": transmission}
     flags = {"averaged": averaged, "skip-bad": skip_bad, "unchecked": unchecked}
     explained = _explanation(table, guesses, proposal)
     explained.append(
-        f"the same as a command: {_command(raw, out, columns, settings, flags)}"
+        f"the same as a command: {_command(raw, out, columns, {**settings, **named_files}, flags)}"
     )
     _refuse_open(table, proposal, explained)
     only_shown = bool(guesses) and not yes
@@ -196,6 +213,10 @@ def command(
             f"{error}; columns were proposed: name the column and unit that are wrong, or "
             "a number that holds in all rows"
         ) from None
+    if session is not None:
+        imported = with_session(imported, proposal, session)
+    if transmission is not None:
+        imported = checked_by_gears(imported, transmission)
     data = _data(table, imported, columns)
     if only_shown:
         return Answer(data, [*explained, *_preview(imported)])
