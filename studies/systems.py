@@ -132,7 +132,7 @@ MACHINES = {
     "drive": Machine(
         "electric drive",
         "electric_drive",
-        "DRIVE",
+        "system",
         "CHANNEL_NOISE",
         "numpy",
         {"resonance": _drive_resonance, "saturation": _drive_saturation},
