@@ -699,6 +699,12 @@ MAX_CAUSES_UNEXPLAINED = 3
 Source: length of the report.
 """
 
+WITHIN_CLASS_DEVIATIONS = 2.0
+"""Prior deviations of the error of a meter up to which an effect is no more than that error.
+
+Source: 95 % of the meters of a class are within.
+"""
+
 INTERVAL_DEVIATIONS = 1.96
 """Standard errors on either side of a size in its interval.
 

@@ -106,6 +106,8 @@ class Channel:
         least: standard deviation assumed at a reading of zero, in the channel's unit.
         served: whether users take this channel from the model. The others, auxiliary channels,
             only help to find the cause.
+        change_spread: prior standard deviation of the factor by which this channel shows a change
+            otherwise than predicted [-], as where it reads an unknown part of a leak.
     """
 
     name: str
@@ -119,6 +121,7 @@ class Channel:
     misfit_spread: float
     least: float = 0.0
     served: bool = True
+    change_spread: float = 0.0
 
     @classmethod
     def of(
@@ -208,7 +211,8 @@ class Effect(Protocol):
     with `name`, `unit`, `meaning`, `typical`, `low`, `high`, `grid` (the values tried of a shape,
     empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
     Of several sizes the first is fitted. An attribute `varied` may name base parameters, in
-    proportion to their scaled variables, that differ from point to point where the effect acts.
+    proportion to their scaled variables, that differ from point to point where the effect acts. An
+    attribute `shared_error` may name the error of a meter that the effect is a larger value of.
     """
 
     name: ClassVar[str]

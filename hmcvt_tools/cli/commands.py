@@ -23,6 +23,10 @@ COMMANDS = {
         "identify:command",
         "identify the hydraulic parameters from bench samples",
     ),
+    "study": (
+        "study:command",
+        "go from a bench and the gears to model, cause, next test and code",
+    ),
     "predict": (
         "point:predict",
         "predict the efficiency at a point or at every sample of a file",
@@ -85,6 +89,7 @@ SECTIONS = {
         "transmission",
     ),
     "Gap between model and bench": (
+        "study",
         "diagnose",
         "next",
         "separable",

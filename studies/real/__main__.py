@@ -166,7 +166,7 @@ def _band_table(band_runs: Sequence[BandRun]) -> str:
         "held out",
         "channel",
         "paper's terms",
-        "handed over",
+        "saved model",
         "removed",
         "leading set",
     )
