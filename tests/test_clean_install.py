@@ -165,4 +165,4 @@ def test_a_built_distribution_works_in_an_empty_environment(
         made.bin / "hmcvt", "identify", "data/table2.csv", "--fit", "1,2,4-6", "--json"
     )
     assert code == 0, errors
-    assert json.loads(out)["parameters"]["leakage"] > 0.0
+    assert json.loads(out)["parameters"]["leakage"]["value"] > 0.0
