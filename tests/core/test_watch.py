@@ -56,7 +56,7 @@ def test_model_without_errors_is_allowed_more():
 
 
 def test_identification_from_few_tests_is_allowed_student_t():
-    """Parameters three standard errors off are a gap, unless the errors have one degree of freedom."""
+    """Parameters three errors off are a gap, unless those errors have one degree of freedom."""
     samples = stream(MODEL, 1, samples=60)
     errors = MODEL.standard_errors
     given = MODEL.parameters
