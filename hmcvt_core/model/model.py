@@ -789,6 +789,13 @@ class EfficiencyModel:
             Shape (..., n); NaN where the formulation has no answer.
         """
         rows = values.reshape(-1, values.shape[-1])
+        if (
+            points.stage is None
+            and len(rows) * points.engine_speed.size <= ranges.CHUNK
+        ):
+            # An annealing asks hundreds of times: without the detour over stages and chunks.
+            solver = self._solver_of(Candidates(*rows.T[:, :, None]))
+            return solver.solve(points).efficiency.reshape(*values.shape[:-1], -1)
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
             model = self.in_stage(name)
