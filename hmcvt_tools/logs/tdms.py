@@ -8,7 +8,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -48,18 +48,23 @@ def open_tdms(path: Path) -> TdmsLog:
         raise InputError(
             f'{path}: a TDMS file needs npTDMS: pip install "hmcvt_ros[tdms]"'
         ) from None
-    with path.open("rb") as content:
-        if content.read(len(_START)) != _START:
-            raise InputError(f"{path}: no TDMS file: it does not begin as one does")
     # What it warns of is in its `file_status`.
     log_manager.set_level(logging.ERROR)
+    content = path.open("rb")  # closed here or by the log: npTDMS leaves it open
     try:
-        file = TdmsFile.open(path)
-        log = TdmsLog(path, file)
+        if content.read(len(_START)) != _START:
+            raise InputError(f"{path}: no TDMS file: it does not begin as one does")
+        content.seek(0)
+        file = TdmsFile.open(content)
+        log = TdmsLog(path, file, content)
         if file.file_status.incomplete_final_segment:
             log.remarks.add("file", "cut off; what is before is used", count=0)
         return log
+    except InputError:
+        content.close()
+        raise
     except Exception as error:  # npTDMS raises errors of many kinds for damage
+        content.close()
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: no TDMS file that can be read ({words})") from None
 
@@ -73,11 +78,13 @@ class TdmsLog(Log):
     Args:
         path: of the file.
         file: the open file.
+        content: its bytes, to be closed behind it.
     """
 
-    def __init__(self, path: Path, file: Any) -> None:
+    def __init__(self, path: Path, file: Any, content: BinaryIO) -> None:
         super().__init__(path)
         self._file = file
+        self._content = content
         self._read = 0
         self._total = 1
 
@@ -179,6 +186,7 @@ class TdmsLog(Log):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+        self._content.close()
 
     def _stream(self, name: str, size: int) -> Iterator[Series]:
         channel = self._objects[name]
