@@ -1,12 +1,12 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Errors of the torque meters that the readings of a session share."""
+"""Errors of the meters that the readings of a session share."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from hmcvt_core import diagnose
+from hmcvt_core import BenchSamples, diagnose
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.benches.transmission.meters import (
     MIN_SESSION_SAMPLES,
@@ -15,11 +15,14 @@ from hmcvt_core.benches.transmission.meters import (
     with_meter_errors,
 )
 from hmcvt_core.diagnosis.observations import SESSION
+from hmcvt_core.transmission.quantities import BY_NAME
+from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, NOISE, campaign, with_column
 
 SYSTEM = Transmission(BASE)
 QUIET = campaign(seed=1, n=24, noise=0.0)
+STROKE = BY_NAME["displacement_ratio"].gauge
 
 
 def _observed(samples):
@@ -113,3 +116,55 @@ def test_the_errors_of_every_session_are_estimated_and_named():
     assert difference == pytest.approx(4.0, abs=1.0)
     assert {item["unit"] for item in errors} == {"N m", "-"}
     assert "zero of the engine meter, session night: +" in diagnosis.report()
+
+
+def test_a_stroke_sensor_moves_every_reading_as_another_stroke_does():
+    observed = _observed(QUIET)
+    names = [error.name for error in observed.shared_names]
+    zero = observed.shared_errors[..., names.index("zero of the stroke sensor")]
+    gain = observed.shared_errors[..., names.index("gain of the stroke sensor")]
+    stroke = QUIET.displacement_ratio
+    step = 0.1 * STROKE.zero
+    points = {**observed.points, "displacement_ratio": stroke - step}
+    moved = SYSTEM.predict(SYSTEM.base.mean, (), points)[:2]
+    still = SYSTEM.predict(SYSTEM.base.mean, (), observed.points)[:2]
+    np.testing.assert_allclose(zero, 10.0 * (moved - still), rtol=0.05, atol=1e-5)
+    np.testing.assert_allclose(gain, zero * stroke * STROKE.gain / STROKE.zero)
+
+
+def _with_wrong_stroke(seed, n=96):
+    """Tests of the exact base in two sessions, whose strokes are read with an error each."""
+    rng = np.random.default_rng(seed)
+    stroke = rng.uniform(-0.95, 0.95, n)
+    speed = rng.uniform(80.0, 210.0, n)
+    load = rng.uniform(80.0, 400.0, n)
+    session = np.repeat([0, 1], n // 2)
+    zero = np.array([0.004, -0.003])[session]
+    gain = np.array([-0.004, 0.003])[session]
+    true = (stroke - zero) / (1.0 + gain)
+    readings = BASE.readings_at(OperatingPoints(true, speed, load))
+    efficiency = readings["efficiency"] + NOISE * rng.standard_normal(n)
+    output_speed = readings["output_speed"] * (1.0 + 1e-3 * rng.standard_normal(n))
+    return BenchSamples(
+        displacement_ratio=stroke,
+        engine_speed=speed,
+        load_torque=load,
+        efficiency=efficiency,
+        output_speed=output_speed,
+        efficiency_std=np.full(n, NOISE),
+        extra={"session": tuple(np.array(["Mon", "Tue"])[session])},
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_stroke_that_is_read_wrong_within_its_class_is_no_gap(seed):
+    diagnosis = diagnose(BASE, _with_wrong_stroke(seed))
+    assert diagnosis.verdict == "no_gap"
+    zeros = [
+        error
+        for error in diagnosis.shared_errors
+        if error.error == "zero of the stroke sensor"
+    ]
+    for zero, true in zip(zeros, (0.004, -0.003), strict=True):
+        assert abs(zero.value - true) < 3.0 * zero.standard_deviation
+        assert zero.standard_deviation < 0.5 * zero.expected

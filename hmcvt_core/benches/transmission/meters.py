@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""Errors of torque meters and gauges that the readings of a session share.
+r"""Errors of torque meters, gauges and the stroke sensor that the readings of a session share.
 
 A bench is run in sessions. Within one the torque meters keep their zero and their gain, drift
 slowly, and read higher on the way down than on the way up. The efficiency is computed from both
@@ -12,8 +12,10 @@ measured load therefore seems to be off by
           + \left(\frac{\eta}{L} - \frac{\partial\eta}{\partial L}\right)\delta L + \eta\, g,
           \qquad \Delta f = -\frac{\partial f}{\partial L}\,\delta L
 
-so a zero weighs most at light load. Each error is one column with a normal prior; the refit and
-the evidence treat it like any other parameter.
+so a zero weighs most at light load. The sensor of the stroke :math:`e` has a zero and a gain too; a
+channel that is predicted at the measured stroke then seems to be off by
+:math:`-\frac{\partial f}{\partial e} (z_e + g_e e)`. Each error is one column with a normal prior;
+the refit and the evidence treat it like any other parameter.
 """
 
 from collections.abc import Mapping
@@ -27,8 +29,9 @@ from ...diagnosis.observations import SESSION, Observations, SharedError
 from ...diagnosis.settings import TIE_TOLERANCE
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
+from ...transmission.quantities import STORED
 from .base import GaugeError, gauge_errors
-from .channels import ENGINE_SPEED, LOAD_TORQUE, by_name
+from .channels import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, by_name
 
 RANGE_MARGIN = 1.5
 """Range of a torque meter, in the largest torque of the campaign.
@@ -58,6 +61,8 @@ MIN_SESSION_SAMPLES = 3
 """Samples from which a session has errors of its own; fewer cannot tell them from noise."""
 LOAD_STEP = 1e-3
 """Step of the derivative by the load, as a part of it."""
+STROKE_STEP = 1e-4
+"""Step of the derivative by the stroke [-]."""
 MAX_SESSIONS = 12
 """Sessions with errors of their own; further ones share those of the last. Limit of time."""
 
@@ -169,6 +174,7 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
     readings, speed_ratio = _without_noise(observed, system)
     meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
     gauges = _changes_by_gauges(observed, readings)
+    gauges += _changes_by_stroke_sensor(observed, system)
     errors = []
     columns = []
     number = np.full(len(observed), -1.0)
@@ -271,6 +277,27 @@ def _changes_by_gauges(
     return changes
 
 
+def _changes_by_stroke_sensor(
+    observed: Observations, system: System
+) -> list[tuple[GaugeError, Array]]:
+    """Return the errors of the stroke sensor, and the change of every channel by each of 1.
+
+    A reading at the true stroke e is compared with the prediction at the measured one, e + error.
+
+    Returns:
+        Changes by an error of 1, shape (channels, n) each; zero where a step has no answer.
+    """
+    name = DISPLACEMENT_RATIO.name
+    stroke = observed.points[name]
+    # Towards zero, so that full stroke stays full stroke.
+    step = np.where(stroke > 0.0, -STROKE_STEP, STROKE_STEP)
+    slopes = _finite(_slopes(observed, system, name, step))
+    changes = []
+    for error in gauge_errors([name], STORED):
+        changes.append((error, -slopes * error.change_at(stroke)))
+    return changes
+
+
 def _meters(
     observed: Observations, efficiency: Array, speed_ratio: Array, slopes: Array
 ) -> tuple[_Meter, _Meter]:
@@ -303,8 +330,20 @@ def _slopes_by_load(observed: Observations, system: System) -> Array:
     """Return the derivatives of the predicted readings by the load, shape (channels, n)."""
     load = observed.points[LOAD_TORQUE.name]
     step = np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance)
+    return _slopes(observed, system, LOAD_TORQUE.name, step)
+
+
+def _slopes(observed: Observations, system: System, axis: str, step: Array) -> Array:
+    """Return the derivatives of the predicted readings along an axis, shape (channels, n).
+
+    Args:
+        observed: the readings.
+        system: the transmission.
+        axis: name of the axis.
+        step: of the difference, in the unit of the axis, shape (n,).
+    """
     rows = [system.channels.index(channel) for channel in observed.channels]
-    moved = {**observed.points, LOAD_TORQUE.name: load + step}
+    moved = {**observed.points, axis: observed.points[axis] + step}
     before = system.predict(system.base.mean, (), observed.points)[rows]
     after = system.predict(system.base.mean, (), moved)[rows]
     return np.asarray((after - before) / step)

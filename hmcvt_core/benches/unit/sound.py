@@ -97,6 +97,12 @@ METER_ZERO = 0.0005
 
 Makers of flow and torque meters state 0.05 to 0.1 % of full scale.
 """
+DRAIN_ZERO = 0.01
+"""Standard deviation of the zero of a drain flow between two campaigns, as a part of the largest.
+
+The meter is chosen for a worn unit: its full scale, of which makers state 0.1 %, is some ten times
+what a sound unit drains; assumed.
+"""
 POWER_GAIN = 0.005
 """Standard deviation of the gain of an electric power between two campaigns [-].
 
@@ -288,16 +294,19 @@ class SoundUnit:
         for i, channel in enumerate(self.channels):
             reading = sound[i]
             gain = METER_GAIN / CLASS_TO_DRIFT
+            zero = METER_ZERO / CLASS_TO_DRIFT
             if channel.name == "flow_loss":
                 reading = sound[i] - sign * ideal_flow
             elif channel.name == "torque_loss":
                 reading = sound[i] + sign * ideal_torque
             elif channel.name == "electric_power":
-                gain = POWER_GAIN / CLASS_TO_DRIFT
+                gain = POWER_GAIN
+            elif channel.name == "drain_flow":
+                zero = DRAIN_ZERO
             largest = np.abs(self.samples.meter_reading(channel.name)).max()
             for word, change in (
                 ("gain", gain * reading),
-                ("zero", np.full_like(speed, METER_ZERO * largest / CLASS_TO_DRIFT)),
+                ("zero", np.full_like(speed, zero * largest)),
             ):
                 names.append(f"{channel.name}_{word}")
                 row = np.zeros_like(sound)
