@@ -702,8 +702,16 @@ class EfficiencyModel:
         torque_reserve: float = 0.0,
         stage: str | None = None,
         hysteresis: float = 0.0,
+        inside_domain: bool = False,
     ) -> DriveOptimum:
-        """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`."""
+        """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`.
+
+        With `inside_domain`, only within the data that the model was identified from.
+        """
+        if inside_domain and self.domain is None:
+            raise InputError(
+                "inside_domain: the model does not state the range of its data"
+            )
         stages = {
             name: model.balance(NO_OPTIMUM)
             for name, model in self.without_meters().stages.items()
@@ -717,6 +725,7 @@ class EfficiencyModel:
             torque_reserve,
             stage,
             hysteresis,
+            self.domain if inside_domain else None,
         )
 
     def efficiency_map(
