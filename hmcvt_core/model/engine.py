@@ -169,7 +169,7 @@ class Engine:
     def _interpolated(self, speed: Array, torque: Array) -> Array:
         """Return fuel between the two speeds of the table next to each point, at equal torque.
 
-        A line of equal load would bend the Willans line of an engine between its speeds.
+        A line of equal load would curve the Willans line of an engine between its speeds.
 
         Args:
             speed: any shape [rad/s]; one beyond the table counts as its end.
@@ -248,7 +248,9 @@ def _grouped(speed: Array) -> Array:
     for number in range(int(setting[-1]) + 1):
         rows = order[setting == number]
         if np.ptp(speed[rows]) > _WIDEST_SETTING:
-            return speed  # settings are so near each other that none is told apart
+            return (
+                speed  # settings are so near each other that none can be distinguished
+            )
         grouped[rows] = speed[rows].mean() if np.ptp(speed[rows]) else speed[rows]
     return grouped
 
