@@ -3,6 +3,7 @@
 
 import os
 import re
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -24,11 +25,20 @@ SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
 _SPECIFIC_UNIT = "g/kWh"
 _UNITS = {
-    "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
-    "torque": {"N m": 1.0, "Nm": 1.0},
+    "engine_speed": {
+        "rad/s": 1.0,
+        **dict.fromkeys(("r/min", "rpm", "1/min", "min-1", "U/min"), RPM),
+    },
+    "torque": {
+        **dict.fromkeys(("N m", "Nm"), 1.0),
+        **dict.fromkeys(("kNm", "kN m"), 1e3),
+        **dict.fromkeys(("lb ft", "lb-ft", "ft-lb"), 1.3558179483314004),
+    },
     "fuel": {
         "kg/s": 1.0,
         "g/s": 1e-3,
+        "mg/s": 1e-6,
+        "lb/h": 0.45359237 / 3600.0,
         "g/h": 1e-3 / 3600.0,
         "kg/h": 1.0 / 3600.0,
         _SPECIFIC_UNIT: 1e-3 / 3.6e6,
@@ -61,6 +71,7 @@ _BESIDE = {
 _ENGINE_WORDS = frozenset(
     {
         *("engine", "eng", "e", "motor", "moteur", "motore", "crankshaft", "shaft"),
+        "brake",
         *("actual", "measured", "mean", "average", "avg", "rotational"),
     }
 )
@@ -68,6 +79,8 @@ _ENGINE_WORDS = frozenset(
 _FUEL = re.compile(
     r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
 )
+_NO_FLOW = re.compile(r"temp|pressure|druck|density|dichte|rail", re.IGNORECASE)
+"""Words of columns that measure something else of the fuel."""
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
 _SAME_SPEED = 10.0 * RPM
@@ -91,7 +104,7 @@ _HOLE = 0.5  # of the full-load torque: wider apart, two rows leave a hole
 class Engine:
     """Full-load curve and fuel map of an engine; NaN beyond.
 
-    Fuel is interpolated linearly over torque, then over speed at equal torque.
+    Fuel per revolution is interpolated linearly over torque, then over speed at equal torque.
 
     Attributes:
         speed: shape (n,), rising [rad/s].
@@ -123,6 +136,29 @@ class Engine:
         fuel = self._interpolated(speed, np.where(known, asked, 0.0))
         rate = np.where(known, fuel, np.nan)
         return rate if rate.ndim else float(rate)
+
+    def interpolation_error(self, engine_speed: ArrayLike, torque: ArrayLike) -> Any:
+        """Return what fuel between the rows of the table changes by with half of the rows [kg/s].
+
+        Linear interpolation errs with the square of the distance of its rows, so that the fuel of
+        the full table is off by about a third of this. It is 0 where the table is too small to be
+        halved.
+
+        Args:
+            engine_speed: within the table [rad/s].
+            torque: up to full load [N m]; broadcasts.
+        """
+        speed, asked = np.broadcast_arrays(np.asarray(engine_speed, float), torque)
+        rows = _every_second(len(self.speed))
+        loads = _every_second(len(self.load))
+        halved = Engine(
+            self.speed[rows],
+            self.full_load[rows],
+            self.load[loads],
+            self.fuel[np.ix_(rows, loads)],
+        )
+        change = halved._interpolated(speed, asked) - self._interpolated(speed, asked)
+        return change if change.ndim else float(change)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the tables of the engine as plain data for JSON."""
@@ -169,7 +205,9 @@ class Engine:
     def _interpolated(self, speed: Array, torque: Array) -> Array:
         """Return fuel between the two speeds of the table next to each point, at equal torque.
 
-        A line of equal load would curve the Willans line of an engine between its speeds.
+        A line of equal load would curve the Willans line of an engine between its speeds. Fuel per
+        revolution curves less over speed than fuel does: friction torque grows with the square of
+        the speed, the power that it takes with the cube.
 
         Args:
             speed: any shape [rad/s]; one beyond the table counts as its end.
@@ -178,10 +216,10 @@ class Engine:
         within = np.clip(speed, self.speed[0], self.speed[-1])
         last = len(self.speed) - 2
         row = np.clip(np.searchsorted(self.speed, within, side="right") - 1, 0, last)
-        below = self._fuel_of_row(row, torque)
-        above = self._fuel_of_row(row + 1, torque)
+        below = self._fuel_of_row(row, torque) / self.speed[row]
+        above = self._fuel_of_row(row + 1, torque) / self.speed[row + 1]
         part = (within - self.speed[row]) / (self.speed[row + 1] - self.speed[row])
-        return np.asarray(below + part * (above - below))
+        return np.asarray(within * (below + part * (above - below)))
 
     def _fuel_of_row(self, row: NDArray[np.intp], torque: Array) -> Array:
         """Return fuel at speeds of the table, above full load along the last of its lines."""
@@ -192,6 +230,11 @@ class Engine:
         part = (load - self.load[left]) / width
         start = self.fuel[row, left]
         return np.asarray(start + part * (self.fuel[row, left + 1] - start))
+
+
+def _every_second(count: int) -> NDArray[np.intp]:
+    """Return every second position of an axis, its last one among them."""
+    return np.unique(np.append(np.arange(0, count, 2), count - 1))
 
 
 def load_engine(path: str | os.PathLike[str]) -> Engine:
@@ -401,9 +444,14 @@ def _in_si(cells: Table, column: str, unit: str, quantity: str) -> tuple[Array, 
 def _names(column: str, quantity: str) -> bool:
     """Return whether a column by another name holds a quantity of an engine's map."""
     if quantity == "fuel":
-        return _FUEL.search(column) is not None
+        return _FUEL.search(column) is not None and not _NO_FLOW.search(column)
     bare = re.sub(r"[\[(][^\[(]*[\])]\s*$", "", column)
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare)
+    plain = "".join(
+        letter
+        for letter in unicodedata.normalize("NFKD", bare)
+        if not unicodedata.combining(letter)
+    )
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain)
     words = set(re.findall(r"[^\W_]+", parted.lower()))
     named = words & _WORDS[quantity]
     if _stated_unit(column, quantity) in _UNITS[quantity]:

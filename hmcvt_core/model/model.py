@@ -6,9 +6,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import repeat
 from typing import Any, overload
 
 import numpy as np
@@ -53,14 +54,17 @@ NO_OPTIMUM = (
 
 _SLOW, _FAST = ranges.ENGINE_SPEED.low, ranges.ENGINE_SPEED.high
 _OVERRUN, _PULL = ranges.ANY_LOAD.low, ranges.ANY_LOAD.high
+_COLD, _HOT = ranges.OIL_TEMPERATURE.low, ranges.OIL_TEMPERATURE.high
 _PHYSICS = ("formulation", "transmission", "effects")
 """Keys of a parameter file that the fingerprint covers, in addition to the parameters."""
 _NUMBERS = frozenset(
     (float, int, np.float64, np.float32, np.int64, np.int32, np.int16, np.int8)
 )
 """Types of scalars that a lookup takes without arrays."""
-_LARGEST = 1e6
-"""Magnitude beyond every range of an operating point."""
+_COLUMNS = _NUMBERS | {np.ndarray, list, tuple}
+"""Types that are taken point by point."""
+_FEW = 100
+"""Points from which on arrays are faster (`python -m studies.timing`)."""
 _FILLED = (0.0, 100.0, 100.0)
 """Operating point (SI) that stands for a masked one while it is solved."""
 _ERROR_STEP = 1e-3
@@ -347,6 +351,10 @@ class EfficiencyModel:
         stage: Any,
     ) -> Sequence[Any]:
         """Efficiency, output speed and engine torque."""
+        # No effect, no use for the temperature.
+        if type(oil_temperature) is float and not self.effects:
+            is_known = _COLD <= oil_temperature <= _HOT
+            oil_temperature = None if is_known else oil_temperature
         # A control loop asks for single points at every message, without the cost of arrays.
         if oil_temperature is None and (stage is None or type(stage) is str):
             at_point = self._point_solvers.get(stage)
@@ -362,6 +370,12 @@ class EfficiencyModel:
                     return at_point(stroke, speed, load)
         self._require_stage(stage)
         point = (displacement_ratio, engine_speed, load_torque)
+        if type(stage) is str:
+            return self.in_stage(stage)._answer(*point, oil_temperature, None)
+        if oil_temperature is None:
+            few = self._answer_few(point, stage)
+            if few is not None:
+                return few
         mask = _mask_of(point, oil_temperature)
         if mask is not None:
             point, oil_temperature = _filled(point, oil_temperature)
@@ -373,6 +387,29 @@ class EfficiencyModel:
                 for values in rows
             ]
         return [_plain(values) for values in rows]
+
+    def _answer_few(self, point: Sequence[Any], stage: Any) -> list[Any] | None:
+        """Return what `_answer` returns, point by point; None where that is slower or wrong.
+
+        Of up to `_FEW` points the overhead of arrays is the larger part.
+        """
+        columns, shape = _few_points(point)
+        solvers: Iterable[PointSolver | None]
+        if stage is None:
+            solvers = repeat(self._point_solvers.get(None))
+        else:
+            names = np.asarray(stage, dtype=str)
+            if names.shape != shape:
+                return None
+            solvers = map(self._point_solvers.get, names.ravel().tolist())
+        rows = []
+        for at_point, stroke, speed, load in zip(solvers, *columns, strict=False):
+            if at_point is None or not _in_range(stroke, speed, load):
+                return None
+            rows.append(at_point(stroke, speed, load))
+        if not rows:
+            return None
+        return [column.reshape(shape) for column in np.array(rows).T]
 
     def _require_stage(self, stage: ArrayLike | None) -> None:
         if stage is None and self.other_stages:
@@ -395,11 +432,15 @@ class EfficiencyModel:
         bumps of an empirical remainder. Arguments, shapes and errors are those of `efficiency`.
         """
         point = (displacement_ratio, engine_speed, load_torque)
-        efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
+        efficiency: Any = self.efficiency(*point, oil_temperature, stage)
         if type(efficiency) is float and self.correlation is not None:
-            return self._predicted_point(
-                efficiency, slopes, self.correlation, point, stage
-            )
+            changes = []
+            for steps, model in self.neighbours:
+                changed: Any = model.efficiency(*point, oil_temperature, stage)
+                changes.append((changed - efficiency) * steps)
+            rows = self._correlation_rows
+            return self._predicted_point(efficiency, changes, rows, point, stage)
+        efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
@@ -441,16 +482,19 @@ class EfficiencyModel:
     def _predicted_point(
         self,
         efficiency: float,
-        slopes: Array,
-        correlation: Array,
+        slopes: Sequence[float],
+        correlation: Sequence[Sequence[float]],
         point: Sequence[Any],
         stage: Any,
     ) -> Prediction:
         """Return what `predict` returns, for one point."""
-        variance = float(((slopes @ correlation) * slopes).sum())
+        variance = 0.0
+        for i, slope in enumerate(slopes):
+            for j, other in enumerate(slopes):
+                variance += slope * correlation[i][j] * other
         error = math.nan
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
-        if slopes.any():
+        if any(slopes):
             # NaN stays NaN, as of arrays.
             variance = 0.0 if variance < 0.0 else variance
             remainder = float(self._remainder_variance(point, stage))
@@ -527,6 +571,11 @@ class EfficiencyModel:
         return efficiency, slopes
 
     @cached_property
+    def _correlation_rows(self) -> list[list[float]]:
+        """Correlation of the parameters as plain floats."""
+        return np.asarray(self.correlation, dtype=float).tolist()
+
+    @cached_property
     def neighbours(self) -> list[tuple[float, EfficiencyModel]]:
         """Standard error of each parameter in steps, and the model one such step away."""
         if not self.states_errors:
@@ -577,6 +626,18 @@ class EfficiencyModel:
         self._require_stage(stage)
         model = self.without_meters().in_stage(stage)
         solver = model.balance("a breakdown of watts needs formulation power_balance")
+        point = _as_floats(displacement_ratio, engine_speed, load_torque)
+        if oil_temperature is None and _in_range(*point):
+            shares: Any = None
+            if solver.losses_at_point is not None:
+                shares = solver.losses_at_point.shares(*point)
+            if shares is not None:
+                return Breakdown(
+                    shares.input_power,
+                    shares.output_power,
+                    shares.losses,
+                    model.stage.name,
+                )
         points = OperatingPoints.checked(
             (displacement_ratio, engine_speed, load_torque), oil_temperature
         )
@@ -825,14 +886,44 @@ class EfficiencyModel:
         return preformatted(self.report())
 
 
-def _as_floats(*point: Any) -> tuple[float, ...]:
+def _as_floats(stroke: Any, speed: Any, load: Any) -> tuple[float, float, float]:
     """Return numbers of Python and NumPy as floats; NaN for anything else."""
-    values = []
+    if type(stroke) in _NUMBERS and type(speed) in _NUMBERS and type(load) in _NUMBERS:
+        try:
+            return float(stroke), float(speed), float(load)
+        except OverflowError:
+            pass  # an integer beyond any float is out of range too
+    return math.nan, math.nan, math.nan
+
+
+def _in_range(stroke: float, speed: float, load: float) -> bool:
+    """Return whether an operating point is permitted; False for NaN."""
+    return (
+        -1.0 <= stroke <= 1.0 and _SLOW <= speed <= _FAST and _OVERRUN <= load <= _PULL
+    )
+
+
+def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int, ...]]:
+    """Return columns of plain floats and their shape; no columns where they are not of that kind.
+
+    Numbers, and arrays and lists of one shape with up to `_FEW` numbers, are.
+    """
+    columns: list[Iterable[float]] = []
+    shape: tuple[int, ...] = ()
     for value in point:
-        # An integer beyond any float is out of range too.
-        is_number = type(value) in _NUMBERS and abs(value) < _LARGEST
-        values.append(float(value) if is_number else math.nan)
-    return tuple(values)
+        if type(value) not in _COLUMNS:
+            return [()], ()
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiu" or array.size > _FEW:
+            return [()], ()
+        if array.ndim == 0:
+            columns.append(repeat(float(array)))
+            continue
+        if shape and array.shape != shape:
+            return [()], ()
+        shape = array.shape
+        columns.append(array.ravel().tolist())
+    return (columns, shape) if shape else ([()], ())
 
 
 def _mask_of(point: Sequence[Any], oil_temperature: Any) -> Any:

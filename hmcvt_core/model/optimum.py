@@ -31,6 +31,8 @@ Limits = tuple[float, float]
 HOLDS = ("engine_speed", "output_speed")
 OUTPUT_POWER = Range("output_power", 0.0, 1e6, "W", "is it in kW?")
 _PART = Range("torque_reserve", 0.0, 0.9, "-", "a part of the full-load torque")
+HYSTERESIS = Range("hysteresis", 0.0, 1.0, "-", "a part of the fuel, not percent")
+"""Saving up to which the engaged stage is kept."""
 SCAN = 65  # points of a grid on one interval
 ZOOMS = 3  # grids, each between the neighbours of the lowest point of the one before
 SLIP = 0.5  # part of the kinematic ratio that a stage may lose, or gain in overrun
@@ -464,13 +466,14 @@ def drive_optimum(
             f"engine_speed_limits = {low:g}, {high:g}: nothing lies between them and "
             "the speeds of the engine"
         )
+    kept = float(HYSTERESIS.check(hysteresis))
     if stage is not None and stage not in stages:
         raise InputError(f"stage = {stage!r}; there is {', '.join(stages)}")
     lines = {
         name: Line(solver, held, power, engine, reserve)
         for name, solver in stages.items()
     }
-    return _best(lines, low, high, stage, hysteresis)
+    return _best(lines, low, high, stage, kept)
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")

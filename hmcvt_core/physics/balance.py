@@ -15,6 +15,7 @@ from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, speed_ratio
 from . import readings
 from .effects.base import Effect, ShaftState
+from .point_losses import PointLosses
 from .readings import BenchState
 from .regimes import FORWARD_PULL, Senses, sign
 from .shafts import PowerFlow, Shafts
@@ -93,6 +94,13 @@ class BalanceSolver:
         if self._effects:
             return None
         return point_solver(self.quadrant)
+
+    @cached_property
+    def losses_at_point(self) -> PointLosses | None:
+        """What shares the lost power at single points; None with effects."""
+        if self.at_point is None:
+            return None
+        return PointLosses(self.stage, self._parameters, self.quadrant, self.at_point)
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def solve(self, points: OperatingPoints) -> Solution:

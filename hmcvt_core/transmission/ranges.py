@@ -119,11 +119,18 @@ class OperatingPoints(NamedTuple):
             return rows.reshape(*rows.shape[:-1], *self.engine_speed.shape)
         parts = []
         positions = []
-        for name in dict.fromkeys(flat.stage.tolist()):
-            (at,) = np.nonzero(flat.stage == name)
-            engaged = plain._at(at)
-            parts.append(engaged._solved_in_chunks(name, solve))
+        left = np.ones(flat.engine_speed.size, dtype=bool)
+        # A list of the names would take longer than the balance.
+        while left.any():
+            name = str(flat.stage[left.argmax()])
+            engaged = flat.stage == name
+            (at,) = np.nonzero(engaged)
+            of_stage = plain if at.size == left.size else plain._at(at)
+            parts.append(of_stage._solved_in_chunks(name, solve))
             positions.append(at)
+            left &= ~engaged
+        if len(parts) == 1:
+            return parts[0].reshape(*parts[0].shape[:-1], *self.engine_speed.shape)
         by_stage = np.concatenate(parts, axis=-1)
         rows = np.empty_like(by_stage)
         rows[..., np.concatenate(positions)] = by_stage

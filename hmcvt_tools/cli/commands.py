@@ -23,6 +23,10 @@ COMMANDS = {
         "identify:command",
         "identify the hydraulic parameters from bench samples",
     ),
+    "study": (
+        "study:command",
+        "go from a bench and the gears to model, cause, next test and code",
+    ),
     "predict": (
         "point:predict",
         "predict the efficiency at a point or at every sample of a file",
@@ -49,6 +53,10 @@ COMMANDS = {
         "gap:unit",
         "diagnose a single pump or motor, from its tests or a maker's table",
     ),
+    "diagnose-system": (
+        "own_system:command",
+        "diagnose the gap between any simulator and its bench",
+    ),
     "separable": ("gap:separable", "report which effects a test plan can distinguish"),
     "import": (
         "import_table:command",
@@ -69,11 +77,13 @@ COMMANDS = {
 SECTIONS = {
     "Model": ("identify", "predict", "optimum", "map", "breakdown", "transmission"),
     "Gap between model and bench": (
+        "study",
         "diagnose",
         "next",
         "separable",
         "watch",
         "unit",
+        "diagnose-system",
         "fleet",
     ),
     "Data in and out": ("import", "import-bag", "export"),

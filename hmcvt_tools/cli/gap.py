@@ -132,13 +132,13 @@ def diagnose(
             diagnosis = transmission.without_remainder(diagnosis)
         save_model(diagnosis.model, saved)
         lines.append(f"model{_contents(diagnosis)} written to {saved}")
-    answer = _answer(diagnosis, report, picture, lines)
+    answer = diagnosis_answer(diagnosis, report, picture, lines)
     if cycle is None:
         return answer
     return with_gap_cost(answer, diagnosis, model, cycle)
 
 
-def _answer(
+def diagnosis_answer(
     diagnosis: Diagnosis | UnitDiagnosis | UnitChange,
     report: str | None,
     picture: str | None,
@@ -423,4 +423,4 @@ def unit(
         assert isinstance(diagnosis, UnitDiagnosis)  # without a baseline
         save_model(put_into(model, diagnosis), into)
         lines.append(f"{samples.kind} written into {into}")
-    return _answer(diagnosis, report, None, lines)
+    return diagnosis_answer(diagnosis, report, None, lines)

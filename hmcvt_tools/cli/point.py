@@ -267,6 +267,7 @@ def _of_drive_line(
         reason = _NOT_HELD
         if engine is not None:
             reason += " and the full-load curve of the engine"
+        reason += _reverse_hint(model, speed)
         raise HmcvtError(f"no working point: {reason}")
     result = asdict(best)
     per_loss = result.pop("fuel_per_loss")
@@ -284,6 +285,14 @@ def _of_drive_line(
     inside, outside_lines = domain_lines(model, point)
     result["inside_domain"] = inside
     return Answer(result, [*lines, *outside_lines])
+
+
+def _reverse_hint(model: EfficiencyModel, output_speed: float) -> str:
+    """Say that reverse stages take a negative speed; empty where none is meant."""
+    backward = [name for name, part in model.stages.items() if part.stage.reverse]
+    if output_speed < 0.0 or not backward:
+        return ""
+    return f" (backward, in stage {', '.join(backward)}, --output-speed is negative)"
 
 
 def _require_drive_line(given: dict[str, Any]) -> None:

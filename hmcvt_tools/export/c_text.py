@@ -1,7 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Constants of stages as C text: numbers, strings, initialisers."""
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ _PLAIN_CHARACTERS = frozenset(
 
 
 _CELLS = 8  # to a line of a table
+_LINE = 100
+"""Longest line of a row [characters]."""
 
 
 def literal(value: float) -> str:
@@ -74,12 +77,17 @@ def _stage_constants(number: int, stage: StageFactors) -> str:
     regimes = []
     quadrants = []
     for position, quadrant in enumerate(stage.quadrants):
+        where = f"{stage.name}, {quadrant.name}"
         for regime in quadrant.regimes:
-            regimes.append(_regime_entry(regime))
-        quadrants.append(_quadrant_entry(quadrant, number, position * count))
+            regimes.append(
+                _named_row(f"{where}: {regime.name}", _regime_fields(regime))
+            )
+        fields = _quadrant_fields(quadrant)
+        fields["regimes"] = f"&regimes_{number}[{position * count}]"
+        quadrants.append(_named_row(where, fields))
     return (
-        f"/* {comment(stage.name)} */\n"
-        f"static const regime_factors regimes_{number}[{len(regimes)}] = {{\n"
+        _stage_comment(stage)
+        + f"static const regime_factors regimes_{number}[{len(regimes)}] = {{\n"
         + ",\n".join(regimes)
         + "\n};\n"
         f"static const quadrant_factors quadrants_{number}[{len(quadrants)}] = {{\n"
@@ -88,43 +96,67 @@ def _stage_constants(number: int, stage: StageFactors) -> str:
     )
 
 
-def _regime_entry(regime: RegimeFactors) -> str:
-    values = (regime.gear, regime.transmitted, regime.brace, regime.pump)
-    return f"    {numbers(values)}"
+def _stage_comment(stage: StageFactors) -> str:
+    """Return the name of a stage and its gear pairs as a comment."""
+    lines = []
+    for line in (stage.name, *stage.paths):
+        lines += textwrap.wrap(comment(line), 94)
+    return "/* " + "\n * ".join(lines) + " */\n"
 
 
-def _quadrant_entry(quadrant: QuadrantFactors, number: int, first_regime: int) -> str:
-    values = (
-        quadrant.flow_ratio,
-        quadrant.rest,
-        quadrant.rest_squared,
-        quadrant.sense,
-        quadrant.reflection,
-        quadrant.output_share,
-        quadrant.mechanical_load,
+def _named_row(name: str, fields: Mapping[str, str]) -> str:
+    """Return an initialiser with its fields named, below its own name."""
+    cells = [f".{field} = {value}" for field, value in fields.items()]
+    row = textwrap.fill(
+        "{" + ", ".join(cells) + "}",
+        _LINE,
+        initial_indent="    ",
+        subsequent_indent="     ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-    literals = ", ".join(literal(value) for value in values)
-    return f"    {{{literals},\n     &regimes_{number}[{first_regime}]}}"
+    return f"    /* {comment(name)} */\n{row}"
+
+
+def _regime_fields(regime: RegimeFactors) -> dict[str, str]:
+    return {
+        "gear": literal(regime.gear),
+        "transmitted": literal(regime.transmitted),
+        "brace": literal(regime.brace),
+        "pump": literal(regime.pump),
+    }
+
+
+def _quadrant_fields(quadrant: QuadrantFactors) -> dict[str, str]:
+    return {
+        "flow_ratio": literal(quadrant.flow_ratio),
+        "rest": literal(quadrant.rest),
+        "rest_squared": literal(quadrant.rest_squared),
+        "sense": literal(quadrant.sense),
+        "reflection": literal(quadrant.reflection),
+        "output_share": literal(quadrant.output_share),
+        "mechanical_load": literal(quadrant.mechanical_load),
+    }
 
 
 def _stage_entry(number: int, stage: StageFactors, has_effects: bool) -> str:
-    fields = [
-        flag(stage.pump_on_row),
-        flag(stage.reverse),
-        literal(stage.engine_share),
-        literal(stage.output_share),
-        literal(stage.hydraulic_ratio),
-        literal(stage.displacement_squared),
-        literal(stage.pump_friction),
-        numbers(stage.gears),
-        numbers(stage.backward_gears),
-        literal(stage.rest_ratio),
-        numbers(stage.ratio_ends),
-        f"quadrants_{number}",
-    ]
+    fields = {
+        "pump_on_row": flag(stage.pump_on_row),
+        "reverse": flag(stage.reverse),
+        "engine_share": literal(stage.engine_share),
+        "output_share": literal(stage.output_share),
+        "hydraulic_ratio": literal(stage.hydraulic_ratio),
+        "displacement_squared": literal(stage.displacement_squared),
+        "pump_friction": literal(stage.pump_friction),
+        "gears": numbers(stage.gears),
+        "backward_gears": numbers(stage.backward_gears),
+        "rest_ratio": literal(stage.rest_ratio),
+        "ratio_ends": numbers(stage.ratio_ends),
+        "quadrants": f"quadrants_{number}",
+    }
     if has_effects:
-        fields.append(f"&effects_{number}")
-    return "    {" + ",\n     ".join(fields) + "}"
+        fields["effects"] = f"&effects_{number}"
+    return _named_row(stage.name, fields)
 
 
 def _effect_constants(number: int, table: EffectTable) -> str:

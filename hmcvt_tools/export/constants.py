@@ -17,6 +17,9 @@ from hmcvt_core.transmission.stage import Stage, speed_ratio
 _UNIT_PARAMETERS = Candidates(leakage=1.0, motor_damping=1.0, pump_damping=1.0)
 """Parameters at which a drag equals the factor that multiplies a damping."""
 
+_DIRECTIONS = {1: "forward", -1: "backward"}
+_LOADS = {1: "pull", -1: "overrun"}
+
 _ENGINE_SENSES = (Senses(1, 1), Senses(1, -1), Senses(-1, 1), Senses(-1, -1))
 _ROW_SENSES = (Senses(1, 1), Senses(-1, 1))
 """With the pump on the row, the sense of the power reflects nothing."""
@@ -27,12 +30,14 @@ class RegimeFactors:
     """Factors of one regime.
 
     Attributes:
+        name: of the regime in words.
         gear: output torque of the motor per motor torque, alpha [-].
         transmitted: part of the pressure torque that friction leaves, 1 -+ c_fm [-].
         brace: output torque that the pump braces per pump torque, rho [-].
         pump: pump torque per pressure torque, 1 +- c_fp [-].
     """
 
+    name: str
     gear: float
     transmitted: float
     brace: float
@@ -44,6 +49,7 @@ class QuadrantFactors:
     """Factors of one quadrant: sense of the output and of the power.
 
     Attributes:
+        name: the senses in words.
         flow_ratio: e at displacement ratio 1 [-].
         rest: y at which the motor rests, m [-].
         rest_squared: m^2 [-].
@@ -54,6 +60,7 @@ class QuadrantFactors:
         regimes: factors of each regime of the layout, in the order of `Regime`.
     """
 
+    name: str
     flow_ratio: float
     rest: float
     rest_squared: float
@@ -70,6 +77,7 @@ class StageFactors:
 
     Attributes:
         name: of the stage.
+        paths: the gear pairs of each path in words.
         pump_on_row: whether it is output-coupled.
         reverse: whether the mechanical path drives the output backward.
         engine_share: pump speed per engine speed, a [-].
@@ -86,6 +94,7 @@ class StageFactors:
     """
 
     name: str
+    paths: tuple[str, ...]
     pump_on_row: bool
     reverse: bool
     engine_share: float
@@ -107,6 +116,7 @@ def stage_factors(stage: Stage) -> StageFactors:
     low, high = speed_ratio(stage, np.array([-1.0, 1.0])).tolist()
     return StageFactors(
         name=stage.name,
+        paths=_paths(stage),
         pump_on_row=first.pump_on_row,
         reverse=stage.reverse,
         engine_share=first.pump_ratios[0],
@@ -122,6 +132,20 @@ def stage_factors(stage: Stage) -> StageFactors:
     )
 
 
+def _paths(stage: Stage) -> tuple[str, ...]:
+    """Return which gear pairs each path of a stage has, in words."""
+    lines = []
+    for name, path in stage.paths.items():
+        pairs = []
+        for pair in path.gear_pairs:
+            pairs.append(
+                f"{pair.name} (ratio {pair.ratio:g}, efficiency {pair.efficiency:g})"
+            )
+        if pairs:
+            lines.append(f"{name} path: gear pairs {', '.join(pairs)}")
+    return tuple(lines)
+
+
 def _quadrants(stage: Stage, senses: Sequence[Senses]) -> tuple[QuadrantFactors, ...]:
     quadrants = []
     for sense in senses:
@@ -135,7 +159,11 @@ def _quadrant_factors(stage: Stage, senses: Senses) -> QuadrantFactors:
     regimes = []
     for regime in range(len(quadrant.regimes)):
         regimes.append(_regime_factors(stage, quadrant, Regime(regime)))
+    name = f"output {_DIRECTIONS[senses.output]}"
+    if not quadrant.pump_on_row:
+        name = f"{name}, {_LOADS[senses.power]}"
     return QuadrantFactors(
+        name=name,
         flow_ratio=float(quadrant.flow_ratio),
         rest=float(rest),
         rest_squared=float(rest**2),
@@ -153,6 +181,7 @@ def _regime_factors(stage: Stage, quadrant: Quadrant, regime: Regime) -> RegimeF
     # Friction of the motor on the row takes its sign from the power, else from the pressure.
     sign = signs.pressure if quadrant.pump_on_row else signs.pressure * signs.motor
     return RegimeFactors(
+        name=regime.name.lower().replace("_", " "),
         gear=float(constants.motor_drag),
         transmitted=1.0 - stage.pump_motor.motor_friction * sign,
         brace=float(constants.brace),

@@ -16,6 +16,8 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from hmcvt_core.transmission.ranges import Array
 
+from ..steady import stray_stamps
+
 _HELD_READINGS = 2_000_000
 """Readings of all channels that are held at a time; 32 MB of times and numbers."""
 _LARGEST_PIECE = 250_000
@@ -348,12 +350,14 @@ def rising(series: Series, last: float, remarks: Remarks, channel: str) -> Serie
         channel: name, for remarks.
     """
     time = series.time
-    before = np.maximum.accumulate(np.append(last, time))[:-1]
+    stray = stray_stamps(time)
+    rest = np.where(stray, -np.inf, time)
+    before = np.maximum.accumulate(np.append(last, rest))[:-1]
     with np.errstate(invalid="ignore"):
-        later = time > before
+        later = (time > before) & ~stray
     if later.all():
         return series
-    same = time == before
+    same = (time == before) & ~stray
     remarks.add_readings(channel, "readings at a repeated time left out", time, same)
     back = ~later & ~same
     remarks.add_readings(channel, "readings out of order left out", time, back)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from hmcvt_core.model.engine import Engine
 from hmcvt_core.transmission.ranges import Array
 
 from .cycle import Cycle
@@ -47,17 +48,25 @@ class Bound:
     Attributes:
         fuel: on the grid of the strategies [kg].
         coarse_fuel: on the grid with twice the distance of engine speeds [kg].
+        map_error: stated error of the interpolation in the fuel map: what half of its rows change
+            along the path [kg].
         path: that needs it.
     """
 
     fuel: float
     coarse_fuel: float
+    map_error: float
     path: Path
 
     @property
-    def error(self) -> float:
+    def grid_error(self) -> float:
         """Stated error of the grid: what halving the distance has changed [kg]."""
         return abs(self.coarse_fuel - self.fuel)
+
+    @property
+    def error(self) -> float:
+        """Stated error of the fuel, by grid and fuel map together [kg]."""
+        return self.grid_error + self.map_error
 
 
 def bound(drive: Drive, cycle: Cycle, points: WorkingPoints) -> Bound:
@@ -78,7 +87,21 @@ def bound(drive: Drive, cycle: Cycle, points: WorkingPoints) -> Bound:
     coarse_points = working_points(drive, cycle, coarse)
     path = least_fuel_path(drive, cycle, points)
     coarse_path = least_fuel_path(drive, cycle, coarse_points)
-    return Bound(path.fuel, coarse_path.fuel, path)
+    map_error = _map_error(drive.engine, points, path) * cycle.step
+    return Bound(path.fuel, coarse_path.fuel, map_error, path)
+
+
+def _map_error(engine: Engine, points: WorkingPoints, path: Path) -> float:
+    """Return the sum of what half of the fuel map's rows change along a path [kg/s].
+
+    Next to a minimum the path itself changes nothing to first order.
+    """
+    driven = np.flatnonzero(path.stage != _NOWHERE)
+    at = (driven, path.stage[driven], path.speed[driven])
+    change = engine.interpolation_error(
+        points.engine_speed[at], points.engine_torque[at]
+    )
+    return float(abs(np.sum(change)))
 
 
 def least_fuel_path(drive: Drive, cycle: Cycle, points: WorkingPoints) -> Path:

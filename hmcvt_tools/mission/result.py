@@ -98,6 +98,9 @@ class Mission:
                     "fuel_per_hour": self.fuel_per_hour,
                     "bound": None if least is None else least.fuel,
                     "bound_error": None if least is None else least.error,
+                    "bound_error_by": None
+                    if least is None
+                    else {"grid": least.grid_error, "fuel_map": least.map_error},
                     "above_bound": self.above_bound,
                     "energy": {
                         "engine": self.energy.engine,
@@ -142,9 +145,9 @@ class Mission:
         ]
         if self.bound is not None and self.above_bound is not None:
             lines.append(
-                f"bound     {self.bound.fuel:.3f} kg +- {self.bound.error:.4f} kg by the "
-                f"grid: the strategy is {_percent(self.above_bound)} above the "
-                "best possible"
+                f"bound     {self.bound.fuel:.3f} kg +- {self.bound.error:.4f} kg (grid "
+                f"{self.bound.grid_error:.4f}, fuel map {self.bound.map_error:.4f}): the "
+                f"strategy is {_percent(self.above_bound)} above the best possible"
             )
         lines.append(f"stage changes  {self.shifts}")
         lines += _energy_lines(self.energy)

@@ -2,7 +2,7 @@
 """A table that is a recording: recognised by its time, joined, and cut into steady windows.
 
 The windows are found by `steady`, as for a bag. Signals that were written one a row are joined by
-linear interpolation in time, never across a gap.
+interpolation in time, never across a gap; a signal that is sent on change holds its value.
 """
 
 from collections import Counter
@@ -17,13 +17,17 @@ from hmcvt_core.transmission.quantities import BY_NAME, STORED
 from hmcvt_core.transmission.ranges import Array
 
 from ..steady import (
+    LONGEST_LINE,
     Readings,
     Shafts,
     Steadiness,
     complaint,
     held,
+    interpolated,
+    reach_of,
     split_at_gaps,
     steady_tests,
+    stray_stamps,
 )
 from .header import RawTable
 from .numbers import last_digit
@@ -42,8 +46,9 @@ _SWEPT = 100
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 _SPARSE = 0.5
 """Share of complete rows below which signals are joined by time."""
-_MAX_STEPS = 3.0
-"""Steps of a signal across which it is interpolated; more is a gap."""
+_LINE_STEPS = 3.0
+"""Rows for each signal across which a signal changes gradually, where each stands in rows of its
+own."""
 
 
 class Cut(NamedTuple):
@@ -58,6 +63,46 @@ class Cut(NamedTuple):
     columns: dict[str, Any]
     stages: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+class Clock(NamedTuple):
+    """Stamps of a recording from zero on.
+
+    Attributes:
+        stamp: NaN where none is known or one is wrong, shape (n,) [s].
+        notes: what was changed.
+    """
+
+    stamp: Array
+    notes: tuple[str, ...]
+
+
+def clock_of(stamp: Array) -> Clock:
+    """Return stamps without single wrong ones, counted so that none is below zero.
+
+    What is recorded before a trigger has stamps below zero.
+
+    Args:
+        stamp: times in the order of the file, NaN where none is known, shape (n,) [s].
+    """
+    notes = []
+    wrong = stray_stamps(stamp) | stray_stamps(-stamp[::-1])[::-1]
+    if wrong.any():
+        notes.append(f"{int(wrong.sum())} rows with a stamp out of order left out")
+    kept = np.where(wrong, np.nan, stamp)
+    origin = stamp_origin(kept)
+    if origin:
+        notes.append(f"stamps begin below zero: times count from {origin:g} s")
+    return Clock(kept - origin, tuple(notes))
+
+
+def stamp_origin(stamp: Array) -> float:
+    """Return the whole second from which stamps count so that none is below zero [s].
+
+    Args:
+        stamp: times [s], NaN where none is known, shape (n,).
+    """
+    return min(0.0, float(np.floor(np.nanmin(stamp))))
 
 
 def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
@@ -337,25 +382,32 @@ def _joined(
     sparse = np.isfinite(time) & filled.any(axis=0)
     if filled.all(axis=0).sum() >= _SPARSE * max(int(sparse.sum()), 1):
         return signals
+    rows_apart = _median_step(np.sort(time[sparse]))
+    line = max(LONGEST_LINE, _LINE_STEPS * len(needed) * rows_apart)
     joined = dict(signals)
     for name in needed:
-        joined[name] = _interpolated(time, signals[name])
+        joined[name] = _interpolated(time, signals[name], line)
     return joined
 
 
-def _interpolated(time: Array, column: Array) -> Array:
-    """Interpolate a signal between its readings, but not across a gap."""
+def _interpolated(time: Array, column: Array, line: float) -> Array:
+    """Return a signal at the time of every row, but not across a gap.
+
+    Args:
+        time: of the rows, NaN where none is known [s].
+        column: the signal, NaN where a row holds none.
+        line: longest step across which it changes gradually [s].
+    """
     known = np.isfinite(column) & np.isfinite(time)
     if known.sum() < 2:
         return column
-    order = np.argsort(time[known], kind="stable")
-    times = time[known][order]
-    readings = column[known][order]
-    longest = _MAX_STEPS * max(_median_step(times), 1e-9)
-    after = np.clip(np.searchsorted(times, time), 1, len(times) - 1)
-    close = times[after] - times[after - 1] <= longest
-    inside = (time >= times[0]) & (time <= times[-1])
-    return np.where(close & inside, np.interp(time, times, readings), np.nan)
+    times, first = np.unique(time[known], return_index=True)
+    if len(times) < 2:
+        return column
+    readings = column[known][first]
+    reach = reach_of(times)
+    rows = np.nan_to_num(time, nan=-np.inf)
+    return interpolated(rows, times, readings, reach, line)
 
 
 def _median_step(time: Array) -> float:

@@ -174,6 +174,9 @@ def _inverse_line(
         columns: where the quantities stand.
         stage: its name; `""` where no column names it.
     """
+    known = np.isfinite(stroke) & np.isfinite(ratio)
+    stroke = stroke[known]
+    ratio = ratio[known]
     if len(stroke) < _FEWEST_TESTS or np.ptp(stroke) < _MIN_STROKES:
         return []
     forward = _distance_from_line(stroke, ratio)

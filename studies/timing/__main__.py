@@ -14,7 +14,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import hmcvt_core as hmcvt
 from studies.page import Run, busy_cores, goal_table, machine, render
 
-from . import drive_line, fitting, point
+from . import calls, drive_line, fitting, point
 
 
 def main() -> int:
@@ -33,6 +33,7 @@ def main() -> int:
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     sections = [
         point.section(model, given.quick),
+        calls.section(given.quick),
         drive_line.section(*[8] if given.quick else []),
         fitting.section(given.quick),
     ]

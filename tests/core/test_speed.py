@@ -73,3 +73,25 @@ def test_optimum(model, hold, lookups):
         )
         > 1.0
     )
+
+
+# The goal is ten lookups.
+@pytest.mark.parametrize("name", ["predict", "breakdown"])
+def test_prediction_and_breakdown_of_a_point(model, name):
+    function = getattr(model, name)
+
+    def look_up():
+        for _ in range(40):
+            model.efficiency(*POINT)
+
+    assert times_faster(lambda: function(*POINT), look_up, calls=50) > 1.0
+
+
+def test_a_few_points_take_no_longer_than_lookups(model):
+    columns = [np.full(10, value) for value in POINT]
+
+    def look_up():
+        for _ in range(40):
+            model.efficiency(*POINT)
+
+    assert times_faster(lambda: model.efficiency(*columns), look_up, calls=50) > 1.0

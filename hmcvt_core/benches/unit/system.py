@@ -22,7 +22,15 @@ import numpy as np
 
 from ...diagnosis.observations import Observations
 from ...diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
-from ...diagnosis.system import Array, Axis, BaseParameters, Channel, Points
+from ...diagnosis.system import (
+    FIELD_SPREADS,
+    STEP_SPREADS,
+    Array,
+    Axis,
+    BaseParameters,
+    Channel,
+    Points,
+)
 from ...physics.effects import library
 from ...physics.effects.base import Effect, ShaftState, Value
 from ...physics.effects.hydraulic import CoulombStribeckFull, PressureFrictionStroke
@@ -84,13 +92,6 @@ PHYSICAL_LIMITS = {"compliance": 3.0}
 
 1 / bulk modulus of oil with air: about 3 1/GPa (Merritt 1967, Hydraulic Control Systems, 2.2).
 """
-FIELD_SPREADS = (2.5, 8.0, 25.0)
-"""Prior standard deviations of a smooth unlisted loss, in deviations of a class A meter.
-
-In the same proportion to the meter as for the efficiency of a transmission.
-"""
-STEP_SPREADS = (8.0, 25.0)
-"""The same of an unlisted loss inside a region."""
 
 
 class UnitBase(NamedTuple):

@@ -180,6 +180,8 @@ class Effect:
         summary: what it does, in plain words.
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
+        shared_error: error of a meter that it is a larger value of, as `SharedError.name`; may be
+            empty. Within the class of that meter it is no cause.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
         change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
@@ -198,6 +200,7 @@ class Effect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
+    shared_error: ClassVar[str] = ""
     unit_only: ClassVar[bool] = False
     change_only: ClassVar[bool] = False
     needs_oil_temperature: ClassVar[bool] = False

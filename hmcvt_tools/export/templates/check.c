@@ -84,12 +84,41 @@ static int read_vector(char *line, vector *row)
     return read_numbers(&text, row->outputs, OUTPUTS);
 }
 
+/* Whether a signal is the output, or the substitute for one that is not known. */
+static int is_signal_of(hmcvt_signal signal, hmcvt_real output, hmcvt_real substitute)
+{
+    int agrees = (signal.status != HMCVT_SUBSTITUTED) && (signal.value == output);
+    if (isnan(output)) {
+        agrees = (signal.status == HMCVT_SUBSTITUTED) && (signal.value == substitute);
+    }
+    return agrees;
+}
+
+/* Whether the signals of a control unit are the outputs of a prediction. */
+static int signals_agree(const vector *row, const hmcvt_prediction *out, int status)
+{
+    const hmcvt_substitutes instead = {-1, -2, -3, -4};
+    hmcvt_signals got;
+    const int returned = hmcvt_predict_signals(
+        &hmcvt_identified_parameters, row->stage, (hmcvt_real)row->inputs[0],
+        (hmcvt_real)row->inputs[1], (hmcvt_real)row->inputs[2], &instead, &got);
+    const int no_answer = (returned == HMCVT_STALLED) || (returned == HMCVT_DRAGGED);
+    return ((no_answer ? HMCVT_NO_ANSWER : returned) == status) &&
+           is_signal_of(got.efficiency, out->efficiency, instead.efficiency) &&
+           is_signal_of(got.output_speed, out->output_speed, instead.output_speed) &&
+           is_signal_of(got.engine_torque, out->engine_torque, instead.engine_torque) &&
+           is_signal_of(got.power_loss, out->power_loss, instead.power_loss);
+}
+
 static answer predicted(const vector *row)
 {
     hmcvt_prediction out;
     answer got;
     got.status = hmcvt_predict(row->stage, (hmcvt_real)row->inputs[0],
                                (hmcvt_real)row->inputs[1], (hmcvt_real)row->inputs[2], &out);
+    if (!signals_agree(row, &out, got.status)) {
+        got.status = -1;
+    }
     got.outputs[0] = (double)out.efficiency;
     got.outputs[1] = (double)out.output_speed;
     got.outputs[2] = (double)out.engine_torque;

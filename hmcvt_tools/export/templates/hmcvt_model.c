@@ -803,6 +803,48 @@ int hmcvt_predict(int stage, hmcvt_real displacement_ratio, hmcvt_real engine_sp
                               engine_speed, load_torque, out);
 }
 
+/* --- signals of a control unit ----------------------------------------------------------------- */
+
+hmcvt_signal hmcvt_signal_of(hmcvt_real output, hmcvt_real substitute)
+{
+    hmcvt_signal signal = {substitute, HMCVT_SUBSTITUTED};
+    if (isfinite(output) != 0) {
+        signal.value = output;
+        signal.status = HMCVT_VALID;
+    }
+    return signal;
+}
+
+/* A signal, marked where no data cover its point. */
+static hmcvt_signal covered_signal(hmcvt_real output, hmcvt_real substitute, int inside_domain)
+{
+    hmcvt_signal signal = hmcvt_signal_of(output, substitute);
+    if ((signal.status == HMCVT_VALID) && (inside_domain == 0)) {
+        signal.status = HMCVT_EXTRAPOLATED;
+    }
+    return signal;
+}
+
+int hmcvt_predict_signals(const hmcvt_parameters *parameters, int stage,
+                          hmcvt_real displacement_ratio, hmcvt_real engine_speed,
+                          hmcvt_real load_torque, const hmcvt_substitutes *substitutes,
+                          hmcvt_signals *out)
+{
+    hmcvt_prediction predicted;
+    int status = hmcvt_predict_with(parameters, stage, displacement_ratio, engine_speed,
+                                    load_torque, &predicted);
+    const int inside = predicted.inside_domain;
+    if (status == HMCVT_NO_ANSWER) {
+        status = is_unknown(predicted.engine_torque) ? HMCVT_STALLED : HMCVT_DRAGGED;
+    }
+    out->efficiency = covered_signal(predicted.efficiency, substitutes->efficiency, inside);
+    out->output_speed = covered_signal(predicted.output_speed, substitutes->output_speed, inside);
+    out->engine_torque =
+        covered_signal(predicted.engine_torque, substitutes->engine_torque, inside);
+    out->power_loss = covered_signal(predicted.power_loss, substitutes->power_loss, inside);
+    return status;
+}
+
 /* --- standard error ---------------------------------------------------------------------------- */
 
 #if STATES_ERRORS

@@ -31,10 +31,20 @@ typedef double hmcvt_real;
 
 /* Answers of the functions. */
 enum {
-    HMCVT_OK = 0,           /* all outputs are set */
-    HMCVT_NO_ANSWER = 1,    /* the load is not carried, or the engine drags in overrun: see below */
-    HMCVT_OUT_OF_RANGE = 2, /* an input is not finite or outside its range */
-    HMCVT_UNKNOWN_STAGE = 3 /* the stage is not one of 0 to HMCVT_STAGES - 1 */
+    HMCVT_OK = 0,            /* all outputs are set */
+    HMCVT_NO_ANSWER = 1,     /* the load is not carried, or the engine drags in overrun: see below */
+    HMCVT_OUT_OF_RANGE = 2,  /* an input is not finite or outside its range */
+    HMCVT_UNKNOWN_STAGE = 3, /* the stage is not one of 0 to HMCVT_STAGES - 1 */
+    /* Of hmcvt_predict_signals alone, in place of HMCVT_NO_ANSWER: */
+    HMCVT_STALLED = 4, /* the load is not carried; every signal holds its substitute */
+    HMCVT_DRAGGED = 5  /* the engine drags in overrun; the efficiency holds its substitute */
+};
+
+/* Status of one signal. */
+enum {
+    HMCVT_VALID = 0,        /* the answer of the model */
+    HMCVT_EXTRAPOLATED = 1, /* the same, not covered by data of the identification */
+    HMCVT_SUBSTITUTED = 2   /* the model has no answer: the value is the substitute */
 };
 
 /* Stages, numbered from 0:${stage_list} */
@@ -86,6 +96,41 @@ int hmcvt_predict(int stage, hmcvt_real displacement_ratio, hmcvt_real engine_sp
 int hmcvt_predict_with(const hmcvt_parameters *parameters, int stage,
                        hmcvt_real displacement_ratio, hmcvt_real engine_speed,
                        hmcvt_real load_torque, hmcvt_prediction *out);
+
+/*
+ * One signal for a control unit. Its value is never NaN and never infinite.
+ */
+typedef struct {
+    hmcvt_real value;
+    int status; /* HMCVT_VALID, HMCVT_EXTRAPOLATED or HMCVT_SUBSTITUTED */
+} hmcvt_signal;
+
+typedef struct {
+    hmcvt_signal efficiency;    /* [-] */
+    hmcvt_signal output_speed;  /* [rad/s] */
+    hmcvt_signal engine_torque; /* [N m] */
+    hmcvt_signal power_loss;    /* [W] */
+} hmcvt_signals;
+
+/* Values that stand for answers which the model does not have. */
+typedef struct {
+    hmcvt_real efficiency;
+    hmcvt_real output_speed;
+    hmcvt_real engine_torque;
+    hmcvt_real power_loss;
+} hmcvt_substitutes;
+
+/*
+ * hmcvt_predict_with for a control unit: each signal has a status, and holds a substitute where the
+ * model has no answer. Returns HMCVT_STALLED and HMCVT_DRAGGED in place of HMCVT_NO_ANSWER.
+ */
+int hmcvt_predict_signals(const hmcvt_parameters *parameters, int stage,
+                          hmcvt_real displacement_ratio, hmcvt_real engine_speed,
+                          hmcvt_real load_torque, const hmcvt_substitutes *substitutes,
+                          hmcvt_signals *out);
+
+/* Any other output as a signal: HMCVT_VALID, or the substitute where the output is not finite. */
+hmcvt_signal hmcvt_signal_of(hmcvt_real output, hmcvt_real substitute);
 
 /*
  * Standard error of the efficiency [-], from the errors of the parameters and from what the model
