@@ -661,7 +661,7 @@ class EfficiencyModel:
         engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
         stage: str | None = None,
     ) -> Optimum:
-        """Displacement ratio (and engine speed) that wastes least.
+        """Displacement ratio (and engine speed) that loses least.
 
         Args:
             engine_speed: now [rad/s].
