@@ -25,7 +25,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64, Float64MultiArray, Int32, String
 
 from hmcvt_core import (
     BenchSamples,
@@ -106,7 +106,7 @@ class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-],
-    `oil_temperature` [deg C], `operating_point`, `stage`, `bench_sample`; outputs `efficiency` [-],
+    `oil_temperature` [deg C], `operating_point`, `stage`, `session`, `bench_sample`; outputs `efficiency` [-],
     `optimal_displacement_ratio` [-], `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`,
     `~/model`, `~/efficiency_map`,
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
@@ -204,6 +204,7 @@ class EfficiencyNode(Node):
         if self._settings.vehicle_file:
             self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
+        self._session: int | None = None  # of the bench; None before it is known
         self._points = Tally(POINT_REASONS)
         self.ticks = 0
         # The callback lives as long as the handle is held.
@@ -324,6 +325,13 @@ class EfficiencyNode(Node):
             String,
             "stage",
             self.guard.callback(self._on_stage),
+            **qos.overridable(qos.LATCHED),
+            event_callbacks=no_events,
+        )
+        self.create_subscription(
+            Int32,
+            messages.SESSION,
+            self.guard.callback(self._on_session),
             **qos.overridable(qos.LATCHED),
             event_callbacks=no_events,
         )
@@ -556,6 +564,9 @@ class EfficiencyNode(Node):
 
     # --- bench samples ------------------------------------------------------------------------
 
+    def _on_session(self, message: Int32) -> None:
+        self._session = message.data
+
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
         self._log.numbers.take(info["publication_sequence_number"])
         try:
@@ -565,7 +576,7 @@ class EfficiencyNode(Node):
                 self._ages.now(), self._settings.oil_age_limit
             )
             sample = messages.bench_sample_from_message(
-                message, now, self._log.tally, oil
+                message, now, self._log.tally, oil, self._session
             )
             if self._served.model.other_stages:
                 stage = self._stage_of_sample(message.header.frame_id)
@@ -677,6 +688,7 @@ class EfficiencyNode(Node):
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
             "oil temperature [deg C]": self._oil_in_words(now),
+            "session": "unknown" if self._session is None else self._session,
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
             "requests contained": self.guard.contained,
         }
