@@ -155,9 +155,7 @@ def _stated(message: JointState, limits: Range, source: str) -> float | None:
     return value
 
 
-def _session(
-    message: JointState, otherwise: int | None
-) -> dict[str, tuple[str, ...]]:
+def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str, ...]]:
     """Return the session that a message states, else another, as a column; empty without one."""
     value = _position(message, SESSION)
     if math.isnan(value):

@@ -179,19 +179,31 @@ class Outputs:
         """
         values = [math.nan] * len(ADVICE)
         if point is not None:
-            values = self._advice_values(served, point, settings, oil_temperature)
+            values = self.advice_values(served, point, settings, oil_temperature)
         stage = served.model.stage.name if stage_known else UNKNOWN_STAGE
         answer = JointState(header=message.header, name=list(ADVICE), position=values)
         answer.header.frame_id = f"{served.transmission.fingerprint}:{stage}"
         self._advice.publish(answer)
 
-    def _advice_values(
+    def optimal_stage(
+        self,
+        served: Served,
+        point: OperatingPoint,
+        settings: Settings,
+        oil_temperature: float | None,
+    ) -> str:
+        """Return the stage of the optimum; empty without one. Arguments as of `advise`."""
+        best = self._best(_question(served, point, settings, oil_temperature))
+        return best.stage or ""
+
+    def advice_values(
         self,
         served: Served,
         point: OperatingPoint,
         settings: Settings,
         oil_temperature: float | None,
     ) -> list[float]:
+        """Return the values of `ADVICE` at a point; arguments as of `advise`."""
         model = served.model
         prediction = model.predict(*point, oil_temperature)
         deviation = prediction.standard_error
