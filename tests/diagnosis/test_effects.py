@@ -143,7 +143,10 @@ def _on_the_page(item):
     unit = "" if item.unit == "-" else f" [{item.unit}]"
     if item.is_size:
         return f"`{item.name}`{unit} {item.typical:g} ({item.low:g} to {item.high:g})"
-    return f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+    tried = f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+    if item.low == item.grid[0] and item.high == item.grid[-1]:
+        return tried
+    return f"{tried}, refitted from {item.low:g} to {item.high:g}"
 
 
 @every_kind

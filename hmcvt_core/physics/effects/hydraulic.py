@@ -22,8 +22,6 @@ from .base import (
 
 _REVERSAL = 2.0  # rad/s, over which a unit turns from motor to pump
 _PRESSURE_REVERSAL = 5e5  # Pa, over which pump and motor change their parts
-_OPENING_WIDTH = 5e5  # Pa, within which a relief valve leaves its seat
-_FILLING_WIDTH = 5.0  # rad/s, within which cylinders cease to fill
 _ATMOSPHERE, _CHARGE = 1.013e5, 2e6  # Pa; the second a usual one of closed circuits
 _BULK = 1e9  # Pa, so that compressibility comes in 1/GPa
 REFERENCE_TEMPERATURE = 60.0  # deg C, viscosity ratio 1
@@ -117,7 +115,9 @@ class ReliefValve(Effect):
     """q = c (|dp| - p_crack) above p_crack, none below: a relief valve that opens too early.
 
     Each line of a closed circuit has one, so the flow has the sense of the pressure, also in
-    overrun. Where no test exceeds the cracking pressure, the effect is invisible.
+    overrun. Where no test exceeds the cracking pressure, the effect is invisible. A worn seat, or a
+    pressure that pulses (by some 10 % in piston pumps), rounds the onset off within `width` on
+    either side.
     """
 
     name = "relief_valve"
@@ -125,7 +125,8 @@ class ReliefValve(Effect):
     summary = "a relief valve opens too early: oil escapes above a certain pressure, none below"
     source = (
         "opening in proportion to the pressure above the setting: Simscape Fluids, Pressure "
-        "Relief Valve; one on each high-pressure port: Bosch Rexroth, RA 92003"
+        "Relief Valve; one on each high-pressure port: Bosch Rexroth, RA 92003; pressure ripple: "
+        "Ivantysyn & Ivantysynova"
     )
     remedy = "measure the flow in the return line of the valve at full load"
 
@@ -135,9 +136,13 @@ class ReliefValve(Effect):
         (4.0, 6.0, 9.0, 13.0, 19.0, 28.0, 42.0),
         "pressure at which the valve opens",
     )
+    width: float = shape(
+        "MPa", (0.5,), "half width of the onset of its flow", limits=(0.1, 3.0)
+    )
 
     def leakage_flow(self, state: ShaftState) -> Value:
-        above = ramp(np.abs(state.pressure) - 1e6 * self.cracking, _OPENING_WIDTH)
+        excess = np.abs(state.pressure) - 1e6 * self.cracking
+        above = ramp(excess, 1e6 * self.width)
         return self.leak * np.sign(state.pressure) * above
 
 
@@ -148,6 +153,8 @@ class InletStarvation(Effect):
     The unit that pumps is the pump under pull, and the motor (eps = 1) where it drives the pump.
     What its cylinders lack flows back into them from the high-pressure line, so that the torque
     stays and the lost flow costs pressure times flow. At x = 1 the flow grows no more with speed.
+    Cylinders cease to fill over a range of speeds, as oil gives off its air before it cavitates and
+    their inlet pressures differ: the onset is rounded off within `width` on either side.
     """
 
     name = "inlet_starvation"
@@ -158,7 +165,8 @@ class InletStarvation(Effect):
     )
     source = (
         "filling limit of axial piston pumps, which boost pressure raises: Harris, Edge & "
-        "Tilley 1994, J. Dyn. Syst. Meas. Control 116, 281"
+        "Tilley 1994, J. Dyn. Syst. Meas. Control 116, 281; air given off before cavitation: "
+        "Merritt 1967, 2.2"
     )
     remedy = "measure the charge pressure at high speed, or raise it and repeat a test"
 
@@ -180,6 +188,7 @@ class InletStarvation(Effect):
         "1 if the motor starves too where it pumps, 0 if not",
         between=False,
     )
+    width: float = shape("rad/s", (5.0,), "half width of the onset", limits=(2.0, 80.0))
 
     def leakage_flow(self, state: ShaftState) -> Value:
         sense = np.tanh(state.pressure / _PRESSURE_REVERSAL)
@@ -200,7 +209,7 @@ class InletStarvation(Effect):
         return np.asarray(stroke ** (1.0 - self.stroke_exponent) * self._excess(demand))
 
     def _excess(self, speed: Array) -> Array:
-        return ramp(speed - self.full_speed, _FILLING_WIDTH)
+        return ramp(speed - self.full_speed, self.width)
 
 
 @dataclass(frozen=True)
