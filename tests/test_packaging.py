@@ -139,7 +139,7 @@ def test_sdist_holds_what_the_tests_need(tmp_path):
         cwd=tmp_path / "source",
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=250,
     )
     assert done.returncode == 0, done.stderr
     (archive,) = (tmp_path / "dist").iterdir()

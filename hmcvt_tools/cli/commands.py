@@ -31,7 +31,7 @@ COMMANDS = {
         "point:predict",
         "predict the efficiency at a point or at every sample of a file",
     ),
-    "optimum": ("point:optimum", "find the displacement ratio that wastes least"),
+    "optimum": ("point:optimum", "find the displacement ratio that loses least"),
     "map": (
         "map:command",
         "write the efficiency over displacement ratio, engine speed and load",
@@ -42,7 +42,7 @@ COMMANDS = {
     ),
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
-    "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
+    "next": ("gap:next_test", "choose the bench test that reveals most about a gap"),
     "watch": ("gap:watch", "report whether a gap has opened, since when and how large"),
     "estimate": (
         "estimate:command",
