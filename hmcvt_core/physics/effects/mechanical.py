@@ -84,6 +84,35 @@ class Churning(BearingDrag):
 
 
 @dataclass(frozen=True)
+class AccessoryDrive(Effect):
+    """T = (P_150 / w) (w / 150 rad/s)^e: an accessory that takes nearly the same power always.
+
+    A regulated consumer (alternator, swash plate compressor, stand-by hydraulics with load
+    sensing) draws what it is asked for at any speed, e = 0; its own drag lets the power grow with
+    speed. What grows in proportion to speed is a constant torque, `bearing_drag`. An alternator of
+    14 V and 60 to 200 A takes 1.2 to 5 kW at an efficiency of 55 to 70 %.
+    """
+
+    name = "accessory_drive"
+    component = "gears"
+    summary = (
+        "an accessory on the engine shaft (alternator, compressor, stand-by hydraulics) takes the "
+        "same power at every speed, so low speeds and light loads lose most"
+    )
+    source = "P = U I / efficiency; alternators: Bosch, Automotive Handbook"
+    remedy = "switch the accessory off, or take its belt off, and repeat a test at low engine speed"
+
+    power: float = size("W", 900.0, 0.0, 10e3, "power on the engine shaft at 150 rad/s")
+    exponent: float = shape(
+        "-", (0.0,), "power of speed in the power", limits=(-0.2, 0.3)
+    )
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        speed = state.engine_speed / _ENGINE_REFERENCE
+        return self.power / _ENGINE_REFERENCE * speed ** (self.exponent - 1.0)
+
+
+@dataclass(frozen=True)
 class FanDrive(Effect):
     """T = T_150 (w / 150 rad/s)^2 s, s = 0 below a temperature of the oil, 1 a band above it.
 
