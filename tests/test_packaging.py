@@ -288,4 +288,6 @@ def test_api_pages_list_every_public_name():
             re.MULTILINE,
         )
     ]
-    assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})
+    # These are of hmcvt_tools alone; older names of it are forwarded by hmcvt_core.
+    of_tools = {"FmuFunction", "write_page"}
+    assert sorted(named) == sorted((set(hmcvt.__all__) | of_tools) - {"__version__"})

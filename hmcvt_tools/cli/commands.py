@@ -67,6 +67,10 @@ COMMANDS = {
         "export:command",
         "write the model as C, as an FMU or as maps for MATLAB",
     ),
+    "page": (
+        "page:command",
+        "write a page with sliders, map, optimum and losses",
+    ),
     "transmission": (
         "transmission:group",
         "write a transmission file from gear ratios, and check one",
@@ -75,7 +79,15 @@ COMMANDS = {
 """Module and name of each command, and what it does."""
 
 SECTIONS = {
-    "Model": ("identify", "predict", "optimum", "map", "breakdown", "transmission"),
+    "Model": (
+        "identify",
+        "predict",
+        "optimum",
+        "map",
+        "breakdown",
+        "page",
+        "transmission",
+    ),
     "Gap between model and bench": (
         "study",
         "diagnose",
