@@ -17,7 +17,8 @@
 #   make blind   the blind trial of the diagnosis; writes docs/studies/blind.md (two hours on two cores)
 #   make benchmark  hmcvt and five simpler methods on the same cases; writes
 #                docs/studies/benchmark.md (an hour on two cores)
-#   make real DIR=...  rigs with known faults and makers' units; writes docs/studies/real.md (two minutes)
+#   make real    a rig with known faults and makers' units, from data/real (or DIR=...); writes
+#                docs/studies/real.md (two minutes)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/studies/mutants.md
 #   make export  exported C and FMU against Python, on every compiler of the machine; writes
 #                docs/studies/export-check.md (a quarter to half an hour)
@@ -106,7 +107,7 @@ soak: $(VENV)/.dev
 edges: $(VENV)/.dev
 	$(BIN)/python -m studies.edges
 
-# Tables of real rigs and units in a folder; docs/studies/real.md says where to find them.
+# Tables of real rigs and units; data/README.md states their sources and licences.
 real: $(VENV)/.dev
 	$(BIN)/python -m studies.real $(DIR) --out docs/studies/real.md
 

@@ -5,7 +5,7 @@
 
 The diagnosis works on any `hmcvt.System`: axes, channels, base parameters, effects, a prediction.
 The base model of this fan has two parameters, disc friction (power = k speed^3) and the pressure at
-no flow. Bearing drag and a gap at the inlet are effects that it may be missing.
+no flow. Bearing drag and a slipping belt are effects that it may be missing.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,8 @@ import numpy as np
 
 import hmcvt_core as hmcvt
 
-SPEED = hmcvt.Axis(
-    "speed", "rad/s", "speed", "speed [rad/s]", 0, 0.1, test_format="{0:.0f} rad/s"
-)
-FLOW = hmcvt.Axis(
-    "flow", "m3/s", "flow", "flow [m3/s]", 2, 0.01, test_format="{0:.2f} m3/s"
-)
+SPEED = hmcvt.Axis.of("speed", "rad/s", digits=0)
+FLOW = hmcvt.Axis.of("flow", "m3/s")
 EFFICIENCY = hmcvt.Channel(
     name="efficiency",
     unit="points",
@@ -32,6 +28,7 @@ EFFICIENCY = hmcvt.Channel(
     step_spreads=(0.01, 0.03),  # and of one inside a region
     misfit_spread=0.0005,  # smooth error of the base model that is no cause
 )
+NOISE = {"efficiency": 0.002}  # standard deviation of the readings
 
 
 @dataclass(frozen=True)
@@ -46,14 +43,14 @@ class BearingDrag(hmcvt.SystemEffect):
 
 
 @dataclass(frozen=True)
-class InletGap(hmcvt.SystemEffect):
-    """Flow that returns from the outlet to the inlet."""
+class BeltSlip(hmcvt.SystemEffect):
+    """Part of the power that a slipping belt takes."""
 
-    name = "inlet_gap"
-    component = "casing"
-    summary = "air returns through the gap at the inlet"
-    remedy = "measure the gap"
-    flow: float = hmcvt.size("m3/s", 0.01, 0.0, 0.1, "flow returned at 100 rad/s")
+    name = "belt_slip"
+    component = "belt"
+    summary = "the belt slips and takes a part of the power"
+    remedy = "measure the speed of both pulleys"
+    part: float = hmcvt.size("-", 0.02, 0.0, 0.3, "part of the power")
 
 
 def parameters(scaled: hmcvt.Array) -> hmcvt.Array:
@@ -67,7 +64,7 @@ class Fan:
 
     axes: tuple[hmcvt.Axis, ...] = (SPEED, FLOW)
     channels: tuple[hmcvt.Channel, ...] = (EFFICIENCY,)
-    library: tuple[Any, ...] = (BearingDrag(), InletGap())
+    library: tuple[Any, ...] = (BearingDrag(), BeltSlip())
     refusal = "ask for a flow that the fan cannot deliver"
     advice = "check the unit of the flow"
     base = hmcvt.BaseParameters(
@@ -87,14 +84,14 @@ class Fan:
         friction, coefficient = parameters(base)
         speed, flow = points["speed"], points["flow"]
         torque = friction * speed**2
-        returned = np.zeros_like(speed)
+        through_belt = 1.0
         for effect in effects:
             if isinstance(effect, BearingDrag):
                 torque = torque + effect.torque
-            if isinstance(effect, InletGap):
-                returned = effect.flow * speed / 100.0
+            if isinstance(effect, BeltSlip):
+                through_belt = 1.0 - effect.part
         pressure = coefficient * speed**2 - 40.0 * flow**2
-        power = pressure * (flow + returned) + torque * speed
+        power = (pressure * flow + torque * speed) / through_belt
         efficiency = np.where(pressure > 0.0, pressure * flow / power, np.nan)
         return efficiency[None, :]
 
@@ -122,17 +119,31 @@ class Fan:
         return ()
 
 
-def simulated(tests: int = 60, noise: float = 0.002) -> hmcvt.Observations:
-    """Simulate a campaign on a fan whose bearing drags with 0.15 N m."""
-    rng = np.random.default_rng(1)
+def campaign(
+    seed: int, tests: int = 60, **hidden: float
+) -> tuple[dict[str, hmcvt.Array], dict[str, hmcvt.Array]]:
+    """Return points and readings of a simulated fan with hidden effects."""
+    rng = np.random.default_rng(seed)
     fan = Fan()
-    columns = {
+    effects = []
+    for effect in fan.library:
+        if effect.name in hidden:
+            size = effect.sizes()[0].name
+            effects.append(effect.with_values({size: hidden[effect.name]}))
+    base = fan.base.mean + 0.5 * fan.base.spread * rng.standard_normal(len(fan.base))
+    points = {
         "speed": rng.uniform(60.0, 200.0, tests),
         "flow": rng.uniform(0.3, 1.5, tests),
     }
-    true = fan.predict(np.array([2.0, 0.0]), (BearingDrag(torque=0.15),), columns)
-    columns["efficiency"] = true[0] + noise * rng.standard_normal(tests)
-    return hmcvt.observe_system(fan, columns, noise={"efficiency": noise}, source="fan")
+    true = fan.predict(base, effects, points)[0]
+    noise = NOISE["efficiency"] * rng.standard_normal(tests)
+    return points, {"efficiency": true + noise}
+
+
+def simulated() -> hmcvt.Observations:
+    """Simulate a campaign on a fan whose bearing drags with 0.15 N m."""
+    points, readings = campaign(seed=1, bearing_drag=0.15)
+    return hmcvt.observe_system(Fan(), {**points, **readings}, noise=NOISE)
 
 
 if __name__ == "__main__":

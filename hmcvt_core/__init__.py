@@ -16,6 +16,9 @@ physics         power balance, effects, formulas of the paper
 files           the core's own files: bench CSV, YAML, atomic writes
 transmission    registry of quantities, gear train, parameters
 
+`interface` adds the names that packages built on the core use. `cli` and `mission` only forward
+names that moved to `hmcvt_tools`.
+
 Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
 `hmcvt_tools`.
 """
@@ -23,7 +26,13 @@ Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and
 import typing
 
 from . import moved
-from .benches.own_system import SystemEffect, observe_system
+from .benches.own_system import (
+    SystemEffect,
+    load_system,
+    observe_system,
+    read_observations,
+)
+from .benches.simulator import Parameter, Simulator, Switch
 from .benches.transmission import diagnose, next_test, separable
 from .benches.unit import diagnose_unit
 from .diagnosis import Advice, Diagnosis, Isolability, diagnose_system
@@ -73,13 +82,16 @@ __all__ = [
     "Observations",
     "Opening",
     "Optimum",
+    "Parameter",
     "Path",
     "Points",
     "Prediction",
     "PumpMotor",
     "Schedule",
     "ShaftState",
+    "Simulator",
     "Stage",
+    "Switch",
     "System",
     "SystemEffect",
     "Value",
@@ -98,9 +110,11 @@ __all__ = [
     "load_engine",
     "load_model",
     "load_stage",
+    "load_system",
     "next_test",
     "observe_system",
     "read_bench",
+    "read_observations",
     "read_raw_bench",
     "read_unit",
     "save_model",

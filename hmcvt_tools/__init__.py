@@ -9,14 +9,16 @@ mission     fuel over a work cycle: strategies, and the least possible
 estimation  output power, losses and drift from the bus of a machine
 logs        MDF4, TDMS and CAN traces in, bench samples out
 tables      tables of any form in, bench samples out
+fmu_function  an FMU as a function of operating points
 steady      steady windows of momentary readings
 
 The names below keep their meaning within a minor version, as those of `hmcvt_core` do.
 """
 
 from .estimation import Estimate, EstimateSettings, estimate
-from .export import export_c, export_fmu, export_mat
+from .export import export_c, export_fmu, export_mat, write_page
 from .fleet import ONE_BLAS_THREAD
+from .fmu_function import FmuFunction
 from .mission import Drive, Vehicle, load_vehicle
 from .mission.controller import Controller
 from .report import write_html
@@ -47,6 +49,7 @@ __all__ = [
     "Drive",
     "Estimate",
     "EstimateSettings",
+    "FmuFunction",
     "Readings",
     "Shafts",
     "Steadiness",
@@ -68,4 +71,5 @@ __all__ = [
     "split_at_gaps",
     "steady_tests",
     "write_html",
+    "write_page",
 ]

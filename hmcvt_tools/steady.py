@@ -48,7 +48,7 @@ class Steadiness:
 
     A window is cut into blocks. Drift is the spread of the block means, largest less smallest;
     scatter is the standard deviation within a block. Both are fractions of the mean, those of the
-    displacement ratio plain numbers. Each field tells in its metadata what it limits; a block is
+    displacement ratio plain numbers. The metadata of each field states what it limits; a block is
     short against a window and long against the noise.
 
     Raises:
@@ -188,7 +188,7 @@ def effective_size(values: Array) -> float:
     would give S < 1; that gain is not taken.
 
     The deviation that follows is still a fifth too small when the time constant of the noise is
-    1/20 of the series: nothing in so short a series tells.
+    1/20 of the series: so short a series cannot show it.
 
     Args:
         values: equally spaced readings, shape (n,), n at least 2.
@@ -292,7 +292,7 @@ class Readings(NamedTuple):
 class SteadyWindow:
     """One steady window: time of its first message and duration [s], count of messages.
 
-    `effective_size` is how many independent messages would tell as much.
+    `effective_size` is how many independent messages would determine as much.
     """
 
     start: float
@@ -318,6 +318,93 @@ def split_at_gaps(time: Array, gap: float) -> list[list[int]]:
         parts[-1].append(i)
         last = now
     return parts
+
+
+def stray_stamps(time: Array) -> NDArray[np.bool_]:
+    """Return which stamps jump ahead for one reading, shape (n,).
+
+    The clock goes on below them, so that the reading is dropped and not all that follow.
+
+    Args:
+        time: stamps in the order of the file, NaN where none is known, shape (n,) [s].
+    """
+    stray = np.zeros(len(time), dtype=bool)
+    known = np.flatnonzero(np.isfinite(time))
+    stamps = time[known]
+    if len(stamps) < 3:
+        return stray
+    before = np.append(-np.inf, stamps[:-1])
+    after = np.append(stamps[1:], np.inf)
+    ahead = (stamps > after) & (before < after)
+    # The first one is wrong only where the second one is not.
+    ahead[0] = stamps[0] > stamps[2] > stamps[1]
+    stray[known] = ahead
+    return stray
+
+
+_MAX_STEPS = 3.0
+"""Usual steps of a signal across which it is joined; more is a gap."""
+_MIN_REACH = 0.05
+"""A signal reaches at least so far [s]: loggers batch frames, so that steps vary."""
+LONGEST_REACH = 30.0
+"""And at most so far [s]."""
+_SLOWEST_METER = 10.0
+"""Usual step from which on a signal is sent on change [s]: temperatures are read at 0.1 Hz."""
+LONGEST_HOLD = 600.0
+"""So far a signal that is sent on change holds its value [s]; a test takes minutes."""
+LONGEST_LINE = 1.0
+"""Longest step across which a number changes gradually [s]; beyond, it holds until the next one."""
+FEWEST_STEPS = 10
+"""Steps from which the usual step of a signal is known well enough to be kept."""
+
+
+def reach_of(times: Array) -> float:
+    """Return the longest step of a signal that is no gap [s].
+
+    Args:
+        times: of its readings, rising, two or more [s].
+    """
+    usual = float(np.median(np.diff(times)))
+    if usual > _SLOWEST_METER:
+        return LONGEST_HOLD
+    return float(np.clip(_MAX_STEPS * usual, _MIN_REACH, LONGEST_REACH))
+
+
+def interpolated(
+    at: Array, times: Array, values: Array, reach: float, line: float = LONGEST_LINE
+) -> Array:
+    """Return readings between two of which no gap lies; NaN elsewhere.
+
+    Numbers are interpolated between two readings up to `line` apart; across longer steps they keep
+    the previous reading, since a set-point may be sent on change only.
+
+    Args:
+        at: times at which they are wanted, shape (n,) [s].
+        times: of the readings, rising [s].
+        values: readings, NaN where there is none.
+        reach: longest step that is no gap, see `reach_of` [s].
+        line: longest step across which a number changes gradually [s].
+    """
+    finite = np.isfinite(values)
+    time = times[finite]
+    known = values[finite]
+    if not len(time):
+        return np.full(len(at), np.nan)
+    after = np.searchsorted(time, at)
+    right = np.minimum(after, len(time) - 1)
+    left = np.maximum(after - 1, 0)
+    at_reading = time[right] == at
+    step = time[right] - time[left]
+    inside = (after > 0) & (after < len(time))
+    close = inside & (step <= reach)
+    # Before the first and behind the last reading the nearest one holds for half a gap; what it
+    # was before a change is not known.
+    before = (after == 0) & (time[0] - at <= min(0.5 * reach, line))
+    behind = (after == len(time)) & (at - time[-1] <= 0.5 * reach)
+    result = np.interp(at, time, known)
+    holds = inside & ~at_reading & (step > line)
+    result = np.where(holds, known[left], result)
+    return np.where(at_reading | close | before | behind, result, np.nan)
 
 
 def held(at: Array, times: Array, values: Array, age: float) -> Array:
@@ -389,7 +476,7 @@ def average(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:
     """Average the readings of a steady window, by column of a bench file; `stamp` is its middle.
 
     Efficiency is mean output power / mean engine power, its deviation that of the mean from the
-    scatter within the window; a single reading does not tell how well it is known.
+    scatter within the window; a single reading does not show how well it is known.
     """
     shafts, start, end = part.shafts, float(part.time[0]), float(part.time[-1])
     efficiency, std, size = ratio_of_means(shafts.output_power, shafts.engine_power)

@@ -10,7 +10,7 @@ import pytest
 
 from hmcvt_core import data_path, read_bench
 
-# The tables of makers are not copied here (docs/units.md).
+# The tables of makers are not copied here (docs/studies/units.md).
 collect_ignore = [] if "HMCVT_REAL_UNITS" in os.environ else ["units/test_real.py"]
 
 

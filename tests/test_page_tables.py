@@ -86,6 +86,12 @@ print(hmcvt.read_bench("bench.csv").pump_torque.tolist())
 print(meaning_of("pump torque [N m]").quantity)
 print(*Transmission(model, samples.columns).base.names[-2:])
 print(0.0 < float(model.readings_at(samples.points)["pump_torque"][0]) < 400.0)
+
+import sys
+from dataclasses import replace
+sys.path.insert(0, TESTS)
+from diagnosis.campaigns import BASE, campaign
+from hmcvt_core.physics.effects.mechanical import ChargePump
 """
 
 
@@ -95,6 +101,7 @@ def test_the_channel_of_the_first_change_is_a_channel(tmp_path):
     function = re.search(r"( +def pump_torque.*?)\n\n", page, re.DOTALL)
     for package in ("hmcvt_core", "hmcvt_tools"):
         shutil.copytree(ROOT / package, tmp_path / package)
+    recipe = re.search(r"( +truth = .*?)\n\n", page, re.DOTALL)
     registry = tmp_path / "hmcvt_core" / "transmission" / "quantities.py"
     end = ')\n"""Every quantity of a bench."""'
     text = registry.read_text(encoding="utf-8")
@@ -105,15 +112,20 @@ def test_the_channel_of_the_first_change_is_a_channel(tmp_path):
     table = table.replace("\n}\n", '\n    "pump_torque": pump_torque,\n}\n')
     added = f"{head}{textwrap.dedent(function[1])}\n\nREADINGS: {table}"
     readings.write_text(added, encoding="utf-8")
+    for folder in ("data", "params"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
     params = str(ROOT / "params" / "hm4.yaml")
+    code = CHANNEL.replace("PARAMS", repr(params))
+    code = code.replace("TESTS", repr(str(ROOT / "tests")))
     done = subprocess.run(
-        [sys.executable, "-c", CHANNEL.replace("PARAMS", repr(params))],
+        [sys.executable, "-c", code + textwrap.dedent(recipe[1])],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,
         text=True,
     )
     expected = "[40.0]\npump_torque\npump_torque_gain pump_torque_zero\nTrue\n"
+    expected += "ambiguous\ncause_found\n"
     assert done.stdout == expected, done.stderr
 
 

@@ -1,11 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What a system of your own needs next to its model: a base for its effects, and its readings.
 
-A `System` is any model on a bench; `examples/own_system.py` has one, a fan.
+A `System` is any model on a bench; `examples/own_system.py` has one, a fan. `simulator` makes one
+of a function.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
@@ -18,7 +20,24 @@ from ..diagnosis.observations import Observations, noise_statement
 from ..diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
 from ..diagnosis.system import Array, Channel, System
 from ..errors import InputError
+from ..files.table import read_plain
+from ..physics.effects import import_source
 from ..physics.effects.base import EffectParameter
+
+_MEMBERS = (
+    "axes",
+    "channels",
+    "base",
+    "library",
+    "predict",
+    "candidates",
+    "lost_power",
+    "model_of",
+    "remarks",
+)
+"""What `load_system` looks for in a system."""
+DEVIATION = "_std"
+"""Ending of a column with the standard deviations of a channel."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +175,89 @@ def observe_system(
         noise_source=_noise_source(noise, first, origin),
         assumed=origin is None,
     )
+
+
+def load_system(target: str) -> System:
+    """Load a system by module and name.
+
+    Args:
+        target: `module:NAME` or `path/to/file.py:NAME`; NAME is a system, or a class or function
+            without arguments that makes one.
+
+    Raises:
+        InputError: the target has another form, cannot be imported, or is no system.
+    """
+    source, colon, name = target.rpartition(":")
+    if not (source and colon and name.isidentifier()):
+        raise InputError(f"{target!r}: write module:NAME or file.py:NAME")
+    module = import_source(source)
+    if not hasattr(module, name):
+        public = [item for item in vars(module) if not item.startswith("_")]
+        raise InputError(f"{source}: holds no {name}; there is {', '.join(public)}")
+    system = getattr(module, name)
+    if isinstance(system, type) or not hasattr(system, "predict"):
+        if not callable(system):
+            raise InputError(f"{target}: is a {type(system).__name__}, no system")
+        try:
+            system = system()
+        except Exception as error:  # whatever somebody else's module may raise
+            raise InputError(
+                f"{target}: cannot be called: {type(error).__name__}: {error}"
+            ) from error
+    missing = [member for member in _MEMBERS if not hasattr(system, member)]
+    if missing:
+        raise InputError(f"{target}: is no system: {', '.join(missing)} missing")
+    loaded: System = system
+    return loaded
+
+
+def read_observations(
+    system: System,
+    path: str | os.PathLike[str],
+    *,
+    noise: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[Observations, tuple[str, ...]]:
+    """Read the readings of an own system from CSV.
+
+    Args:
+        system: states axes and channels, which name the columns; `<channel>_std` holds standard
+            deviations.
+        path: of the file.
+        noise: standard deviation of channels by name, in the unit of the channel; instead of a
+            column.
+
+    Returns:
+        The observations, and notes on columns that are not used.
+
+    Raises:
+        InputError: a column is missing, or a value is no number; noise of no channel read.
+    """
+    table = read_plain(path)
+    known = [axis.name for axis in system.axes]
+    known += [channel.name for channel in system.channels]
+    readings = {name: table.numbers(name) for name in table.columns if name in known}
+    read = [channel.name for channel in system.channels if channel.name in readings]
+    stated: dict[str, ArrayLike] = {}
+    for name in read:
+        if f"{name}{DEVIATION}" in table.columns:
+            stated[name] = table.numbers(f"{name}{DEVIATION}")
+    for name, deviation in noise.items():
+        if name not in read:
+            raise InputError(
+                f"noise of {name}: {table.source} has no such channel; it has "
+                f"{', '.join(read) or 'none'}"
+            )
+        stated[name] = deviation
+    used = {*known, *(f"{name}{DEVIATION}" for name in read)}
+    ignored = [name for name in table.columns if name not in used]
+    notes: tuple[str, ...] = ()
+    if ignored:
+        notes = (
+            f"not used, neither axis nor channel of the system: {', '.join(ignored)}",
+        )
+    observed = observe_system(system, readings, noise=stated, source=table.source)
+    samples = replace(observed.samples, sha256=table.sha256)
+    return replace(observed, samples=samples), notes
 
 
 def _checked(columns: Mapping[str, ArrayLike], source: str) -> dict[str, Array]:

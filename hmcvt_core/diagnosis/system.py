@@ -19,6 +19,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Points = Mapping[str, Array]
 """Operating points: values of shape (n,) by the name of the axis."""
+FIELD_SPREADS = (2.5, 8.0, 25.0)
+"""Prior standard deviations of a smooth unlisted loss, in deviations of the meter.
+
+In the same proportion to the meter as for the efficiency of a transmission.
+"""
+STEP_SPREADS = (8.0, 25.0)
+"""The same of an unlisted loss inside a region."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,26 @@ class Axis:
     second_unit_factor: float = 1.0
     transition_width: float = 0.0
 
+    @classmethod
+    def of(cls, name: str, unit: str = "-", *, digits: int = 2) -> Axis:
+        """Return an axis that a test can set, worded by its name.
+
+        Args:
+            name: of the column.
+            unit: of its values; `-` for a plain number.
+            digits: decimals of a printed limit; half of the last one is the tolerance.
+        """
+        word = name.replace("_", " ")
+        return cls(
+            name=name,
+            unit=unit,
+            word=word,
+            heading=f"{word} [{unit}]",
+            digits=digits,
+            tolerance=0.5 * 10.0**-digits,
+            test_format=f"{{0:.{digits}f}} {unit}".removesuffix(" -"),
+        )
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -79,6 +106,8 @@ class Channel:
         least: standard deviation assumed at a reading of zero, in the channel's unit.
         served: whether users take this channel from the model. The others, auxiliary channels,
             only help to find the cause.
+        change_spread: prior standard deviation of the factor by which this channel shows a change
+            otherwise than predicted [-], as where it reads an unknown part of a leak.
     """
 
     name: str
@@ -92,6 +121,41 @@ class Channel:
     misfit_spread: float
     least: float = 0.0
     served: bool = True
+    change_spread: float = 0.0
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        unit: str,
+        noise: float,
+        *,
+        digits: int = 4,
+        served: bool = True,
+    ) -> Channel:
+        """Return a channel whose priors are in proportion to the noise of its meter.
+
+        Args:
+            name: of the column.
+            unit: of its values; `-` for a fraction, which is printed in points of 1 %.
+            noise: standard deviation of a reading.
+            digits: decimals of a value in its unit.
+            served: whether the channel is what the model is for.
+        """
+        is_fraction = unit == "-"
+        return cls(
+            name=name,
+            unit="points" if is_fraction else unit,
+            factor=100.0 if is_fraction else 1.0,
+            digits=max(digits - 2, 0) if is_fraction else digits,
+            uncertainty=0.0,
+            relative=False,
+            field_spreads=tuple(noise * spread for spread in FIELD_SPREADS),
+            step_spreads=tuple(noise * spread for spread in STEP_SPREADS),
+            misfit_spread=noise,
+            least=noise,
+            served=served,
+        )
 
     def deviation(self, reading: Array) -> Array:
         """Return the standard deviation assumed for readings, same shape and unit."""
@@ -147,7 +211,8 @@ class Effect(Protocol):
     with `name`, `unit`, `meaning`, `typical`, `low`, `high`, `grid` (the values tried of a shape,
     empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
     Of several sizes the first is fitted. An attribute `varied` may name base parameters, in
-    proportion to their scaled variables, that differ from point to point where the effect acts.
+    proportion to their scaled variables, that differ from point to point where the effect acts. An
+    attribute `shared_error` may name the error of a meter that the effect is a larger value of.
     """
 
     name: ClassVar[str]

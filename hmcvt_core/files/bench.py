@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,24 +27,39 @@ from .table import Table, csv_text, read_plain
 
 _NAMES = tuple(column.name for column in BENCH_COLUMNS)
 
-# Of type `Any`: type checkers do not know which fields the registry makes.
-_Columns: Any = make_dataclass(
-    "_Columns",
-    [
-        (name, Array) if name in REQUIRED_COLUMNS else (name, Array | None, None)
-        for name in _NAMES
-    ],
-    namespace={"__module__": __name__},
-    frozen=True,
-    eq=False,
-)
-_frozen: Any = dataclass(frozen=True, eq=False)
+if TYPE_CHECKING:
+
+    @dataclass(frozen=True, eq=False)
+    class _Columns:
+        """The columns of the registry as type checkers see them; a test compares both."""
+
+        displacement_ratio: Array
+        engine_speed: Array
+        load_torque: Array
+        efficiency: Array
+        output_speed: Array | None = None
+        oil_temperature: Array | None = None
+        efficiency_std: Array | None = None
+        stamp: Array | None = None
+        pressure: Array | None = None
+
+else:
+    _Columns = make_dataclass(
+        "_Columns",
+        [
+            (name, Array) if name in REQUIRED_COLUMNS else (name, Array | None, None)
+            for name in _NAMES
+        ],
+        namespace={"__module__": __name__},
+        frozen=True,
+        eq=False,
+    )
 _NUMERIC = re.compile(r"[+-]?([.,]?\d|nan|inf)", re.IGNORECASE)
 """Beginning of a cell that is meant as a number; a row without any holds units or names."""
 
 
-@_frozen
-class BenchSamples(_Columns):  # type: ignore[misc]
+@dataclass(frozen=True, eq=False)
+class BenchSamples(_Columns):
     """Bench samples: one array of shape (n,) for each column of a bench file.
 
     The columns are attributes: `displacement_ratio`, `engine_speed`, `load_torque`, `efficiency`,
@@ -177,8 +192,17 @@ class BenchSamples(_Columns):  # type: ignore[misc]
         return f"sample {index + 1}"
 
     def select(self, index: ArrayLike) -> BenchSamples:
-        """Return the samples at an index array or mask, in that order."""
-        chosen = np.arange(len(self))[np.asarray(index)]
+        """Return the samples at an index array or mask, in that order.
+
+        Raises:
+            InputError: a mask is of another length, or an index does not exist.
+        """
+        try:
+            chosen = np.arange(len(self))[np.asarray(index)]
+        except IndexError as error:
+            raise InputError(
+                f"{self.source}: select of {len(self)} samples: {error}"
+            ) from None
         extra = {
             name: tuple(column[i] for i in chosen)
             for name, column in self.extra.items()

@@ -72,6 +72,6 @@ def _scatter(residuals: Array, stated: bool) -> float:
     free = len(residuals) - len(PARAMETER_NAMES)
     scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
     if stated:
-        # Stated deviations are believed unless the residuals are larger.
+        # Stated deviations are taken as correct unless the residuals are larger.
         scatter = max(scatter, 1.0)
     return max(scatter, _MIN_SCATTER)

@@ -3,6 +3,7 @@
 
 import os
 import re
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -24,11 +25,20 @@ SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
 _SPECIFIC_UNIT = "g/kWh"
 _UNITS = {
-    "engine_speed": {"rad/s": 1.0, "r/min": RPM, "rpm": RPM, "1/min": RPM},
-    "torque": {"N m": 1.0, "Nm": 1.0},
+    "engine_speed": {
+        "rad/s": 1.0,
+        **dict.fromkeys(("r/min", "rpm", "1/min", "min-1", "U/min"), RPM),
+    },
+    "torque": {
+        **dict.fromkeys(("N m", "Nm"), 1.0),
+        **dict.fromkeys(("kNm", "kN m"), 1e3),
+        **dict.fromkeys(("lb ft", "lb-ft", "ft-lb"), 1.3558179483314004),
+    },
     "fuel": {
         "kg/s": 1.0,
         "g/s": 1e-3,
+        "mg/s": 1e-6,
+        "lb/h": 0.45359237 / 3600.0,
         "g/h": 1e-3 / 3600.0,
         "kg/h": 1.0 / 3600.0,
         _SPECIFIC_UNIT: 1e-3 / 3.6e6,
@@ -61,6 +71,7 @@ _BESIDE = {
 _ENGINE_WORDS = frozenset(
     {
         *("engine", "eng", "e", "motor", "moteur", "motore", "crankshaft", "shaft"),
+        "brake",
         *("actual", "measured", "mean", "average", "avg", "rotational"),
     }
 )
@@ -68,6 +79,8 @@ _ENGINE_WORDS = frozenset(
 _FUEL = re.compile(
     r"fuel|\bfc\b|bsfc|kraftstoff|verbrauch|carburant|combustible", re.IGNORECASE
 )
+_NO_FLOW = re.compile(r"temp|pressure|druck|density|dichte|rail", re.IGNORECASE)
+"""Words of columns that measure something else of the fuel."""
 _TORQUE = Range("torque", 0.0, 5000.0, "N m")
 _SPECIFIC = Range("fuel at full load", 150.0, 500.0, "g/kWh", "are the units mixed up?")
 _SAME_SPEED = 10.0 * RPM
@@ -192,8 +205,8 @@ class Engine:
     def _interpolated(self, speed: Array, torque: Array) -> Array:
         """Return fuel between the two speeds of the table next to each point, at equal torque.
 
-        A line of equal load would bend the Willans line of an engine between its speeds. Fuel per
-        revolution bends less over speed than fuel does: friction torque grows with the square of
+        A line of equal load would curve the Willans line of an engine between its speeds. Fuel per
+        revolution curves less over speed than fuel does: friction torque grows with the square of
         the speed, the power that it takes with the cube.
 
         Args:
@@ -278,7 +291,9 @@ def _grouped(speed: Array) -> Array:
     for number in range(int(setting[-1]) + 1):
         rows = order[setting == number]
         if np.ptp(speed[rows]) > _WIDEST_SETTING:
-            return speed  # settings are so near each other that none is told apart
+            return (
+                speed  # settings are so near each other that none can be distinguished
+            )
         grouped[rows] = speed[rows].mean() if np.ptp(speed[rows]) else speed[rows]
     return grouped
 
@@ -429,9 +444,14 @@ def _in_si(cells: Table, column: str, unit: str, quantity: str) -> tuple[Array, 
 def _names(column: str, quantity: str) -> bool:
     """Return whether a column by another name holds a quantity of an engine's map."""
     if quantity == "fuel":
-        return _FUEL.search(column) is not None
+        return _FUEL.search(column) is not None and not _NO_FLOW.search(column)
     bare = re.sub(r"[\[(][^\[(]*[\])]\s*$", "", column)
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare)
+    plain = "".join(
+        letter
+        for letter in unicodedata.normalize("NFKD", bare)
+        if not unicodedata.combining(letter)
+    )
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain)
     words = set(re.findall(r"[^\W_]+", parted.lower()))
     named = words & _WORDS[quantity]
     if _stated_unit(column, quantity) in _UNITS[quantity]:

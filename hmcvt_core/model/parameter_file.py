@@ -54,6 +54,7 @@ _GEAR_TRAIN = {
             **dict.fromkeys(("mechanical", "pump", "motor", "output"), _PATH),
         }
     },
+    "clutches": {"*": dict.fromkeys(("between", "closed"))},
 }
 _KNOWN: Mapping[str, Mapping[str, Any]] = {
     TRANSMISSION_SCHEMA: {"schema": None, "name": None, **_GEAR_TRAIN},

@@ -8,6 +8,7 @@ from ..transmission.parameters import PRIOR_MEAN, from_scaled
 from ..transmission.ranges import Array
 from ..transmission.stage import CM3_PER_REV, Stage, speed_ratio
 from .model import EfficiencyModel
+from .signs import sign_problems, signs_by_stage
 from .staged_samples import by_stage
 
 _TYPICAL_LEAKAGE = float(from_scaled(PRIOR_MEAN)[0])  # m3/(s Pa), before any bench
@@ -46,7 +47,9 @@ def pressure_remark(model: EfficiencyModel, samples: BenchSamples) -> str | None
 
 def gear_train_remarks(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
     """Return a sentence for each stage whose output speed does not fit its gear train."""
-    remarks = []
+    remarks = sign_problems(signs_by_stage(model, samples))
+    if remarks:
+        return remarks  # a line through speeds of the wrong sense says nothing further
     for name, part in by_stage(model, samples).items():
         remark = gear_train_remark(model.in_stage(name).stage, part)
         if remark is not None:

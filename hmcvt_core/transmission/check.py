@@ -89,20 +89,35 @@ def check_stages(stages: Sequence[Stage]) -> TransmissionCheck:
         stages: in any order.
     """
     speeds = tuple(_speeds(stage) for stage in stages)
-    overlaps = _overlaps(speeds)
+    overlaps = _overlaps(stages, speeds)
     remarks = []
     for entry in speeds:
         if not np.isfinite(entry.ratios).all():
             remarks.append(
                 f"{entry.name}: the speed ratio is not finite over the whole stroke"
             )
+    for stage, entry in zip(stages, speeds, strict=True):
+        remarks += _standstill_remarks(stage, entry)
     for meeting in overlaps:
         if meeting.overlap < -WIDE_GAP:
             remarks.append(
                 f"{meeting.lower} ends at {meeting.lower_end:.4f}, {meeting.upper} begins "
                 f"at {meeting.upper_end:.4f}: no stage drives the ratios between"
             )
-    return TransmissionCheck(speeds, overlaps, tuple(remarks))
+    return TransmissionCheck(speeds, tuple(overlaps), tuple(remarks))
+
+
+def _standstill_remarks(stage: Stage, speeds: StageSpeeds) -> list[str]:
+    """Return a sentence where a stage with a row passes standstill within its stroke."""
+    if not stage.has_row or speeds.direction != "both":
+        return []
+    usual, other = ("backward", "forward") if stage.reverse else ("forward", "backward")
+    end = speeds.ratios[0] if speeds.rising != stage.reverse else speeds.ratios[-1]
+    stroke = STROKES[0] if speeds.rising != stage.reverse else STROKES[-1]
+    return [
+        f"{stage.name} drives {usual}, but {other} next to stroke {stroke:+g}, at a ratio of "
+        f"up to {end:+.4f}: the sign of the output speed says which"
+    ]
 
 
 def _speeds(stage: Stage) -> StageSpeeds:
@@ -123,14 +138,14 @@ def _speeds(stage: Stage) -> StageSpeeds:
     )
 
 
-def _overlaps(speeds: Sequence[StageSpeeds]) -> tuple[Overlap, ...]:
+def _overlaps(stages: Sequence[Stage], speeds: Sequence[StageSpeeds]) -> list[Overlap]:
     """Compare neighbours; reverse stages are compared by the size of their ratios."""
     overlaps = []
-    for directions in (("forward", "both"), ("reverse",)):
+    for backward in (False, True):
         chain = []
-        for entry in speeds:
-            if entry.direction in directions:
-                chain.append((_range(entry), entry.name))
+        for stage, entry in zip(stages, speeds, strict=True):
+            if _drives_backward(stage, entry) == backward:
+                chain.append((_range(entry, backward), entry.name))
         chain.sort()
         for i in range(len(chain) - 1):
             lower_range, lower = chain[i]
@@ -138,12 +153,17 @@ def _overlaps(speeds: Sequence[StageSpeeds]) -> tuple[Overlap, ...]:
             end = lower_range[1]
             start = upper_range[0]
             overlaps.append(Overlap(lower, upper, end, start, (end - start) / end))
-    return tuple(overlaps)
+    return overlaps
 
 
-def _range(entry: StageSpeeds) -> tuple[float, float]:
-    """Lowest and highest ratio of a stage, as sizes in its main direction."""
-    finite = [ratio for ratio in entry.ratios if math.isfinite(ratio)]
-    if entry.direction == "reverse":
+def _drives_backward(stage: Stage, speeds: StageSpeeds) -> bool:
+    """Whether a stage belongs to the reverse ranges, also where its output passes standstill."""
+    return stage.reverse or speeds.direction == "reverse"
+
+
+def _range(speeds: StageSpeeds, backward: bool) -> tuple[float, float]:
+    """Return lowest and highest ratio of a stage, as sizes in its main direction."""
+    finite = [ratio for ratio in speeds.ratios if math.isfinite(ratio)]
+    if backward:
         return -max(finite), -min(finite)
     return min(finite), max(finite)

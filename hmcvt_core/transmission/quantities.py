@@ -30,6 +30,7 @@ class Range:
         high: highest value, in `unit`.
         unit: the unit, `-` for a plain number.
         hint: what to suspect when a value is outside.
+        signed: whether the negative interval is allowed too, for rotation backward.
     """
 
     name: str
@@ -37,17 +38,24 @@ class Range:
     high: float
     unit: str
     hint: str = ""
+    signed: bool = False
 
     def __str__(self) -> str:
         text = f"{self.low:g} to {self.high:g}"
-        if self.unit == "-":
-            return text
-        return f"{text} {self.unit}"
+        if self.unit != "-":
+            text = f"{text} {self.unit}"
+        if self.signed:
+            text = f"{text}, negative backward"
+        return text
 
     def contains(self, value: ArrayLike) -> NDArray[np.bool_]:
         """Return, element by element, which values are finite and inside."""
-        array = np.asarray(value, dtype=float)
+        array = self._magnitude(np.asarray(value, dtype=float))
         return (array >= self.low) & (array <= self.high)
+
+    def _magnitude(self, array: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the limits hold for: the values, or their magnitudes."""
+        return np.abs(array) if self.signed else array
 
     def check(self, value: ArrayLike, where: str = "") -> NDArray[np.float64]:
         """Return `value` as an array of floats.
@@ -67,7 +75,8 @@ class Range:
                 f"{prefix}{self.name} = {value!r} is not a number"
             ) from None
         # One pass each and false for NaN; cheaper than a mask when all is well.
-        if array.size and not (array.min() >= self.low and array.max() <= self.high):
+        sizes = self._magnitude(array)
+        if sizes.size and not (sizes.min() >= self.low and sizes.max() <= self.high):
             first = np.flatnonzero(~self.contains(array).ravel())[0]
             index = f"[{first}]" if array.ndim else ""
             raise InputError(f"{prefix}{self.complaint(array.ravel()[first], index)}")
@@ -79,7 +88,7 @@ class Range:
             return f"{self.name}{index} = {value} is not finite; allowed {self}"
         hint = f" ({self.hint})" if self.hint else ""
         text = f"{value:g}"
-        if self.low <= float(text) <= self.high:
+        if self.contains(float(text)):
             text = repr(float(value))  # just beyond a limit, and inside once rounded
         return f"{self.name}{index} = {text} is outside {self}{hint}"
 
@@ -117,7 +126,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Gauge:
-    """Errors of what reads a channel, as standard deviations.
+    """Errors of what reads a quantity, as standard deviations.
 
     Attributes:
         name: in words.
@@ -149,7 +158,8 @@ class Quantity(Range):
         averaged: whether the import of a recording averages it over a steady window.
         missing: what a diagnosis lacks without it; empty for nothing worth a remark.
         channel: how it is compared with the model; None where it is not predicted.
-        gauge: errors of what reads it; None where no fit adjusts any.
+        gauge: errors of what reads it; None where no fit adjusts any. Those of a quantity that a
+            test sets are by session.
     """
 
     kind: str = ""
@@ -179,6 +189,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         required=True,
         joint=False,
         averaged=True,
+        # Of full stroke; calibrations of the sensor of the plate agree to 0.2 to 0.5 %.
+        gauge=Gauge("stroke sensor", gain=0.003, zero=0.003, by_session=True),
     ),
     Quantity(
         name="engine_speed",
@@ -212,10 +224,11 @@ QUANTITIES: tuple[Quantity, ...] = (
         low=0.1,
         high=20_000.0,
         unit="N m",
-        hint="positive in forward driving",
+        hint="with the sign of the output speed where the output is driven",
+        signed=True,
         kind="torque",
         symbol="T_out",
-        meaning="torque at the output shaft",
+        meaning="torque at the output shaft; negative in reverse driving",
         headings=(Heading("output", excludes=("std", "loss")),),
         stored=False,
     ),
@@ -301,9 +314,10 @@ QUANTITIES: tuple[Quantity, ...] = (
         high=1000.0,
         unit="rad/s",
         hint="is it in r/min?",
+        signed=True,
         kind="speed",
         symbol="omega_out",
-        meaning="speed of the output shaft",
+        meaning="speed of the output shaft; negative backward",
         headings=(Heading("output"), Heading("load")),
         joint=False,
         averaged=True,
@@ -321,6 +335,8 @@ QUANTITIES: tuple[Quantity, ...] = (
             misfit_spread=0.0004,
             served=False,
         ),
+        # Time base and mounting of an encoder; chosen, half of the scatter of a reading.
+        gauge=Gauge("speed meter", gain=0.0005, by_session=True),
     ),
     Quantity(
         name="oil_temperature",

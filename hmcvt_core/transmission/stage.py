@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .clutches import MEMBERS, check_names, open_clutches
 from .mapping import Section, number
 from .ranges import Range
+from .teeth import gear_ratio, row_constant
 
-MEMBERS = ("sun", "ring", "carrier")
 LAYOUTS = ("input_coupled", "output_coupled", "hydrostatic")
 _PATHS = ("mechanical", "pump", "motor", "output")
 _MAX_STAGES = 64
@@ -251,6 +252,11 @@ class Stage:
             / (path.ratio * self.output.ratio)
         )
 
+    @property
+    def member_coefficients(self) -> Mapping[str, float]:
+        """Coefficients of the speeds of the members in eq. (4); their sum is zero."""
+        return member_speed_coefficients(self.planetary_constant)
+
     def _member_ratio(self, driving: str, driven: str) -> float:
         """Speed of one member per speed of another while the third stands, eq. (4)."""
         coefficients = member_speed_coefficients(self.planetary_constant)
@@ -298,17 +304,27 @@ class Stage:
         """Build a stage from the mapping that a YAML file holds (see `params/transmission.yaml`).
 
         Args:
-            data: keys `gear_pairs`, `gear_efficiency`, `planetary_rows`, `pump_motor`, `stages`.
+            data: keys `gear_pairs`, `gear_efficiency`, `planetary_rows`, `pump_motor`, `stages`,
+                and `clutches`, from which the slips of open clutches follow.
             name: the stage wanted; may be left out when `stages` holds one.
 
         Raises:
             InputError: a field is missing or wrong; it is named.
         """
         file = Section(data)
-        stages = file.section("stages")
         if name is None:
-            name = _only_name(stages)
-        entry = stages.section(name)
+            name = _only_name(file.section("stages"))
+        stage = cls._with_listed_clutches(file, name)
+        derived = open_clutches(
+            file, stage, lambda other: cls._with_listed_clutches(file, other)
+        )
+        check_names(stage.open_clutches, derived, f"stages.{name}.")
+        return replace(stage, open_clutches=(*stage.open_clutches, *derived))
+
+    @classmethod
+    def _with_listed_clutches(cls, file: Section, name: str) -> Stage:
+        """Build a stage with the open clutches whose slips its entry lists."""
+        entry = file.section("stages").section(name)
         layout = str(entry.data.get("layout", LAYOUTS[0]))
         reverse = entry.data.get("reverse", False)
         where = entry.where
@@ -326,7 +342,7 @@ class Stage:
             layout=layout,
             reverse=reverse,
             **_row_and_paths(file, entry, layout),
-            open_clutches=_open_clutches(entry),
+            open_clutches=_listed_clutches(entry),
             pump_motor=_pump_motor(file.section("pump_motor")),
         )
 
@@ -476,7 +492,9 @@ def _row_and_paths(file: Section, entry: Section, layout: str) -> dict[str, Any]
     if on_row:
         _require_row(entry.data, entry.where)
         row = entry.get("planetary_row")
-        fields["planetary_constant"] = file.section("planetary_rows").number(row)
+        rows = file.section("planetary_rows")
+        constant = row_constant(rows.get(row), f"{rows.where}{row}")
+        fields["planetary_constant"] = constant
     for key in _PATHS:
         if key == "mechanical" and not on_row:
             continue
@@ -494,8 +512,8 @@ def _row_and_paths(file: Section, entry: Section, layout: str) -> dict[str, Any]
     return fields
 
 
-def _open_clutches(entry: Section) -> tuple[tuple[str, float, float], ...]:
-    """Return names and slips of the open clutches of a stage."""
+def _listed_clutches(entry: Section) -> tuple[tuple[str, float, float], ...]:
+    """Return names and slips of the open clutches that a stage lists."""
     place = f"{entry.where}open_clutches"
     allowed = "name: [slip per engine speed, per output speed]"
     slips = entry.data.get("open_clutches", {})
@@ -519,7 +537,7 @@ def _path(file: Section, entry: Section) -> Path:
     ratios = file.section("gear_pairs")
     pairs = []
     for name in names:
-        ratio = ratios.number(name)
+        ratio = gear_ratio(ratios.get(name), f"{ratios.where}{name}")
         pairs.append(GearPair(str(name), ratio, _gear_efficiency(file, name)))
     return Path(tuple(pairs), int(direction))
 

@@ -9,9 +9,23 @@ import click
 from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.files.atomic import write_atomically
+from hmcvt_core.files.bench import read_bench, write_bench
+from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import load_stages
+from hmcvt_core.model.signs import sign_problems, with_corrected_signs
 from hmcvt_core.transmission.check import STROKES, TransmissionCheck, check_stages
-from hmcvt_core.transmission.new_file import commented_file, stage_from_text
+from hmcvt_core.transmission.new_file import (
+    DIRECT,
+    clutch_from_text,
+    commented_file,
+    stage_from_text,
+)
+from hmcvt_core.transmission.parameters import (
+    PRIOR_MEAN,
+    HydraulicParameters,
+    from_scaled,
+)
+from hmcvt_core.transmission.teeth import tooth_counts
 
 from ..report.pictures import save
 from ..report.power_paths import draw_power_paths
@@ -22,9 +36,13 @@ _STAGE_EXAMPLES = """\
 A stage is its name, and what each path goes through as PATH=PAIRS:MEMBER, for example
   HM4 row=k1 mechanical=2,3:carrier pump=4 motor=-5:sun output=6,11:ring
   H0 layout=hydrostatic pump=4 motor=-5 output=8
+  R row=k1 reverse=yes mechanical=-direct:ring pump=4 motor=5:sun output=6:carrier
   V layout=output_coupled row=k1 mechanical=1:carrier pump=4:ring motor=5 output=6:sun
 mechanical: engine to row; pump: engine (output_coupled: row) to pump; motor: motor to row
-(others: output); output: row (hydrostatic: motor) to output. A minus reverses a path."""
+(others: output); output: row (hydrostatic: motor) to output. A minus reverses a path, direct
+stands for no gear pair."""
+
+_NamedRatios = tuple[tuple[str, float | str], ...]
 
 _ASSUMED_DISPLACEMENT = 55.0
 """Of pump and motor [cm3/rev], as for the paper's transmission."""
@@ -40,18 +58,27 @@ Examples:
   hmcvt transmission check my_transmission.yaml""",
 )
 def group() -> None:
-    """Write a transmission file from gear ratios, and check one."""
+    """Write a transmission file from gear ratios or tooth counts, and check one."""
 
 
-def _named_number(text: str) -> tuple[str, float]:
-    """Read a name and a number, such as 1=1.439 or 1=1,439."""
+def _named_ratio(text: str) -> tuple[str, float | str]:
+    """Read a name and a ratio, such as 1=1.439, 1=1,439 or, in teeth, 1=59/41."""
     name, _, value = text.partition("=")
+    if name.strip() == DIRECT:
+        raise click.BadParameter(f"{DIRECT!r} stands for no pair; choose another name")
+    try:
+        if name.strip() and tooth_counts(value) is not None:
+            return name.strip(), value.strip()
+    except InputError as error:
+        raise click.BadParameter(f"{text!r}: {error}") from None
     try:
         number = float(value.replace(",", "."))
     except ValueError:
         number = math.nan
     if not name.strip() or not math.isfinite(number):
-        raise click.BadParameter(f"{text!r} is not a name and a ratio: write 1=1.439")
+        raise click.BadParameter(
+            f"{text!r} is not a name and a ratio: write 1=1.439, or 1=59/41 in teeth"
+        )
     return name.strip(), number
 
 
@@ -70,18 +97,19 @@ def _named_number(text: str) -> tuple[str, float]:
 @click.option(
     "--gear-pair",
     "gear_pairs",
-    type=_named_number,
+    type=_named_ratio,
     multiple=True,
     metavar="NAME=RATIO",
-    help="Driving speed / driven speed of a pair, once for each pair.",
+    help="Driving speed / driven speed of a pair, or teeth of the driven gear / teeth of the "
+    "driving gear as 36/45; once for each pair.",
 )
 @click.option(
     "--planetary-row",
     "rows",
-    type=_named_number,
+    type=_named_ratio,
     multiple=True,
     metavar="NAME=K",
-    help="Teeth of the ring / teeth of the sun, once for each row.",
+    help="Teeth of the ring / teeth of the sun, as 2.56 or 128/50; once for each row.",
 )
 @click.option(
     "--pump-displacement",
@@ -104,26 +132,38 @@ def _named_number(text: str) -> tuple[str, float]:
     multiple=True,
     metavar="TEXT",
     help="Name and paths of a stage, once for each stage; see the examples. A minus in "
-    "front of the gear pairs reverses a path. Asked for when left out.",
+    f"front of the gear pairs reverses a path, {DIRECT} stands for no pair. Asked for when left "
+    "out.",
+)
+@click.option(
+    "--clutch",
+    "clutches",
+    multiple=True,
+    metavar="TEXT",
+    help="Name of a clutch, its two sides and the stages in which it is closed, such as "
+    "'C2 between=HM2.ring/6/7,output*11 closed=HM2'; the slips of open clutches follow.",
 )
 def new(
     out: str,
-    gear_pairs: tuple[tuple[str, float], ...],
-    rows: tuple[tuple[str, float], ...],
+    gear_pairs: _NamedRatios,
+    rows: _NamedRatios,
     pump_displacement: float | None,
     motor_displacement: float | None,
     gear_efficiency: float | None,
     stages: tuple[str, ...],
+    clutches: tuple[str, ...],
 ) -> Answer:
-    """Write a commented transmission file from gear ratios, and check it.
+    """Write a commented transmission file from gear ratios or tooth counts, and check it.
 
     Without --stage all that no option states is asked for.
     """
     if Path(out).exists():
         raise click.UsageError(f"{out}: exists; write another file")
     if not stages:
-        gear_pairs = gear_pairs or _asked_numbers("Gear pair, such as 1=1.439")
-        rows = rows or _asked_numbers("Planetary row, such as k1=2.56")
+        gear_pairs = gear_pairs or _asked_numbers(
+            "Gear pair, such as 1=1.439 or, in teeth, 1=59/41"
+        )
+        rows = rows or _asked_numbers("Planetary row, such as k1=2.56 or k1=128/50")
         pump_displacement = _asked(
             pump_displacement, "Pump displacement [cm3/rev]", _ASSUMED_DISPLACEMENT
         )
@@ -150,7 +190,9 @@ def new(
         ),
         [stage_from_text(stage) for stage in stages],
         _ASSUMED_GEAR_EFFICIENCY if gear_efficiency is None else gear_efficiency,
+        [clutch_from_text(clutch) for clutch in clutches],
     )
+    notes += _teeth_notes(gear_pairs)
     write_atomically(Path(out), text)
     try:
         loaded = load_stages(out)
@@ -159,6 +201,19 @@ def new(
         raise
     check = check_stages(loaded)
     return Answer(check.to_dict(), [_report(check), *notes, f"written to {out}"])
+
+
+def _teeth_notes(gear_pairs: _NamedRatios) -> list[str]:
+    """Say which gear of each pair in teeth drives, as 36/45 alone does not."""
+    lines = []
+    for name, value in gear_pairs:
+        counts = tooth_counts(value)
+        if counts is not None:
+            lines.append(
+                f"{name}: {counts.under} teeth drive {counts.over}, the driven shaft turns "
+                f"{1.0 / counts.ratio:.4g} times as fast"
+            )
+    return lines
 
 
 def _asked_line(prompt: str) -> str:
@@ -181,15 +236,15 @@ def _asked(stated: float | None, prompt: str, assumed: float) -> float:
             click.echo(error.message, err=True)
 
 
-def _asked_numbers(prompt: str) -> tuple[tuple[str, float], ...]:
+def _asked_numbers(prompt: str) -> _NamedRatios:
     """Ask for names with numbers; one that cannot be read is asked again."""
-    numbers: list[tuple[str, float]] = []
+    numbers: list[tuple[str, float | str]] = []
     while True:
         line = _asked_line(f"{prompt} (empty to go on)")
         if not line:
             return tuple(numbers)
         try:
-            numbers.append(_named_number(line))
+            numbers.append(_named_ratio(line))
         except click.BadParameter as error:
             click.echo(error.message, err=True)
 
@@ -257,5 +312,54 @@ def _report(check: TransmissionCheck) -> str:
     return "\n".join(lines)
 
 
+@common.command(
+    "signs",
+    """
+  hmcvt transmission signs stages.csv --transmission stages.yaml --out corrected.csv
+  hmcvt transmission signs stages.csv --params stages_model.yaml --json""",
+)
+@click.argument("bench", metavar="BENCH.csv")
+@click.option(
+    "--transmission", metavar="T.yaml", help="Transmission file of the machine."
+)
+@click.option("--params", metavar="P.yaml", help="Parameter file of the machine.")
+@click.option(
+    "--out",
+    type=common.OutputFile(),
+    metavar="CORRECTED.csv",
+    help="Write the bench file with corrected signs.",
+)
+def signs(
+    bench: str, transmission: str | None, params: str | None, out: str | None
+) -> Answer:
+    """Check the signs of output speed and pressure, stage by stage, and correct them.
+
+    Bench files state the output speed negative backward, and the pressure as high less low side of
+    the motor with the sign of the output. A speed without sense, and a pressure as port A less
+    port B, are recognised by gear train and load; --out writes the file with their signs corrected.
+    """
+    common.one_of("name the machine", transmission=transmission, params=params)
+    common.keep_inputs([bench, transmission, params], [out])
+    stages, effects = common.gear_train(params, transmission, None)
+    typical = HydraulicParameters(*from_scaled(PRIOR_MEAN))
+    model = EfficiencyModel(
+        stages[0], typical, effects=effects, other_stages=tuple(stages[1:])
+    )
+    corrected, found = with_corrected_signs(model, read_bench(bench))
+    rows = [
+        (item.stage, str(item.samples), item.output_speed, item.pressure)
+        for item in found
+    ]
+    lines = [common.table(["stage", "samples", "output speed", "pressure"], rows)]
+    problems = sign_problems(found)
+    lines += [f"note: {problem}" for problem in problems]
+    if out is not None:
+        write_bench(out, corrected)
+        lines.append(f"{len(corrected)} samples written to {out}")
+    value = {"stages": [item.to_dict() for item in found], "problems": problems}
+    return Answer(value, lines)
+
+
 group.add_command(new)
 group.add_command(check)
+group.add_command(signs)

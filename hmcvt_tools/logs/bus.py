@@ -14,6 +14,7 @@ import numpy as np
 
 from hmcvt_core.errors import InputError
 
+from ..steady import stray_stamps
 from . import j1939
 from .dbc import Message
 from .series import Channel, Log, Remarks, Series, rising
@@ -272,7 +273,10 @@ class BusLog(Log):
 
     def _remark_pauses(self, frames: Frames, before: float) -> float:
         """Remark pauses of the whole bus; return the time of the last frame [s]."""
-        times = np.append(before, frames.time)
+        known = frames.time[~stray_stamps(frames.time)]
+        if not len(known):
+            return before
+        times = np.append(before, known)
         steps = np.diff(times)
         for row in np.flatnonzero(steps > _SILENT):
             self.remarks.add(

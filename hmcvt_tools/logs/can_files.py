@@ -44,7 +44,7 @@ _SCANNED_LINES = 2000
 _ABSOLUTE_FROM = 1e8
 """Stamps from here on are seconds since 1970 [s]; a machine does not record for three years."""
 _FEWEST_LINES = 20
-"""Frames from which differences can be told from times since the first frame."""
+"""Frames from which differences can be distinguished from times since the first frame."""
 _CUT_OFF = "cut off; what is before is used"
 _BLF_SIZE = struct.Struct("<16xQ")
 """Where a BLF file states its size: behind signature, size of the header and versions."""
@@ -136,6 +136,8 @@ def _by_python_can(
         text = io.TextIOWrapper(file, encoding="utf-8", errors="replace")
         # Iterating over the lines would forbid to ask how far the file is read.
         source = _Lines(text)
+        if suffix == ".asc":
+            source = _AscLines(text, remarks)
     try:
         with complaints:
             yield from _messages(path, readers[suffix], source, remarks)
@@ -238,6 +240,56 @@ class _Lines(io.TextIOBase):
     def readable(self) -> bool:
         """Whether it can be read: always."""
         return True
+
+
+_ASC_STAMP = re.compile(r"\s*(-?\d+\.\d+)(?=\s)")
+"""Stamp in front of a frame of an ASC file."""
+
+
+class _AscLines(_Lines):
+    """The lines of an ASC file as python-can reads all of them.
+
+    It takes the first line behind the header as part of it, and passes over stamps below zero,
+    which frames before the trigger have.
+
+    Args:
+        file: the text.
+        remarks: where stamps below zero are named.
+    """
+
+    def __init__(self, file: io.TextIOWrapper, remarks: Remarks) -> None:
+        super().__init__(file)
+        self._remarks = remarks
+        self._shift = math.nan
+        self._next = ""
+
+    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]
+        """Return the next line, its stamp counted from the first one where that is below zero."""
+        if self._next:
+            line = self._next
+            self._next = ""
+            return line
+        line = super().readline(size)
+        stamp = _ASC_STAMP.match(line)
+        if stamp is None:
+            return line
+        seconds = float(stamp[1])
+        if math.isnan(self._shift):
+            self._shift = float(math.ceil(max(-seconds, 0.0)))
+            if self._shift:
+                reason = f"stamps begin below zero: times count from {-self._shift:g} s"
+                self._remarks.add("file", reason, count=0)
+            self._next = self._shifted(line, stamp)
+            return "no internal events logged\n"
+        return self._shifted(line, stamp)
+
+    def _shifted(self, line: str, stamp: re.Match[str]) -> str:
+        seconds = float(stamp[1]) + self._shift
+        if seconds < 0.0:
+            self._remarks.add("file", "frames before the first stamp left out")
+        if not self._shift:
+            return line
+        return f"{seconds:.9f}{line[stamp.end() :]}"
 
 
 def _candump(file: Any, remarks: Remarks) -> Generator[Frames, None, None]:

@@ -3,7 +3,8 @@
 
 Numbers are interpolated between two readings up to a second apart; across longer steps they keep
 the previous reading, since a set-point may be sent on change only. States keep the previous one.
-Neither reaches across a gap, which is a step of more than three of the channel's usual steps.
+Neither reaches across a gap, which is a step of more than three of the channel's usual steps; a
+channel that is slower than any meter is sent on change, and reaches farther.
 """
 
 from __future__ import annotations
@@ -15,18 +16,8 @@ import numpy as np
 
 from hmcvt_core.transmission.ranges import Array
 
+from ..steady import FEWEST_STEPS, LONGEST_HOLD, LONGEST_REACH, interpolated, reach_of
 from .series import Remarks, Series, joined_series
-
-_MAX_STEPS = 3.0
-"""Usual steps of a channel across which it is joined, as in tables of recordings."""
-_MIN_REACH = 0.05
-"""A channel reaches at least so far [s]: loggers batch frames, so that steps vary."""
-_LONGEST_REACH = 30.0
-"""And at most so far [s]."""
-_LONGEST_LINE = 1.0
-"""Longest step across which a number changes gradually [s]; beyond, it holds until the next one."""
-_FEWEST_STEPS = 10
-"""Steps from which the usual step of a channel is known well enough to be kept."""
 
 
 class Joined(NamedTuple):
@@ -70,7 +61,7 @@ class Joiner:
             for name, series in piece.items():
                 self._append(name, series)
             latest = self._latest()
-            lag = max(self._reach.values(), default=_LONGEST_REACH)
+            lag = max(self._reach.get(name, LONGEST_REACH) for name in self._names)
             if np.isfinite(latest):
                 yield from self._until(latest - lag)
         yield from self._until(np.inf)
@@ -88,7 +79,7 @@ class Joiner:
         if series.values.dtype.kind == "U":
             self._text.add(name)
         self._note_reach(name, series.time)
-        reach = self._reach.get(name, _LONGEST_REACH)
+        reach = self._reach.get(name, LONGEST_REACH)
         steps = np.diff(first.time)
         (gaps,) = np.nonzero(steps > reach)
         if len(gaps):
@@ -101,12 +92,12 @@ class Joiner:
             )
 
     def _note_reach(self, name: str, time: Array) -> None:
-        """Keep the usual step of a channel once enough readings show it."""
-        if name in self._reach or len(time) <= _FEWEST_STEPS:
+        """Keep how far a channel reaches once enough readings show it."""
+        if self._reach.get(name, LONGEST_HOLD) < LONGEST_HOLD or len(time) < 2:
             return
-        usual = float(np.median(np.diff(time)))
-        reach = np.clip(_MAX_STEPS * usual, _MIN_REACH, _LONGEST_REACH)
-        self._reach[name] = float(reach)
+        reach = reach_of(time)
+        if len(time) > FEWEST_STEPS or reach == LONGEST_HOLD:
+            self._reach[name] = reach
 
     def _latest(self) -> float:
         times = [series.time[-1] for series in self._kept.values()]
@@ -123,7 +114,7 @@ class Joiner:
             self._done = float(axis[-1])
             yield Joined(axis, values)
         for name, series in self._kept.items():
-            reach = self._reach.get(name, _LONGEST_REACH)
+            reach = self._reach.get(name, LONGEST_REACH)
             first = int(np.searchsorted(series.time, self._done - reach)) - 1
             first = max(first, 0)
             self._kept[name] = series.between(first, len(series.time))
@@ -143,10 +134,11 @@ class Joiner:
         series = self._kept.get(name)
         if series is None:
             return np.full(len(axis), np.nan)
-        reach = self._reach.get(name, _LONGEST_REACH)
+        reach = self._reach.get(name, LONGEST_REACH)
         if name in self._text:
             return _held(series, axis, reach)
-        return interpolated(series, axis, reach)
+        values = np.asarray(series.values, dtype=float)
+        return interpolated(axis, series.time, values, reach)
 
 
 def _held(series: Series, axis: Array, reach: float) -> Any:
@@ -155,34 +147,3 @@ def _held(series: Series, axis: Array, reach: float) -> Any:
     clipped = np.maximum(before, 0)
     fresh = (before >= 0) & (axis - series.time[clipped] <= reach)
     return np.where(fresh, series.values[clipped], "")
-
-
-def interpolated(series: Series, axis: Array, reach: float) -> Array:
-    """Return readings between two of which no gap lies, at times [s]; NaN elsewhere.
-
-    Args:
-        series: numbers.
-        axis: times, shape (n,).
-        reach: longest step that is no gap [s].
-    """
-    time = series.time
-    values = np.asarray(series.values, dtype=float)
-    finite = np.isfinite(values)
-    if not finite.all():
-        time = time[finite]
-        values = values[finite]
-    if not len(time):
-        return np.full(len(axis), np.nan)
-    after = np.searchsorted(time, axis)
-    right = np.minimum(after, len(time) - 1)
-    left = np.maximum(after - 1, 0)
-    at_reading = time[right] == axis
-    close = (time[right] - time[left] <= reach) & (after > 0) & (after < len(time))
-    # Before the first and behind the last reading the nearest one holds for half a gap.
-    nearest = np.where(after == 0, 0, len(time) - 1)
-    outside = (after == 0) | (after == len(time))
-    near = outside & (np.abs(axis - time[nearest]) <= 0.5 * reach)
-    result = np.interp(axis, time, values)
-    holds = ~outside & ~at_reading & (time[right] - time[left] > _LONGEST_LINE)
-    result = np.where(holds, values[left], result)
-    return np.where(at_reading | close | near, result, np.nan)

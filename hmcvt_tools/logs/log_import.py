@@ -17,7 +17,13 @@ from hmcvt_core.transmission.ranges import EFFICIENCY_STD
 from ..tables.checks import changing_strokes, contradictions, implausible
 from ..tables.proposal import INPUTS, OUTPUTS, missing_quantities
 from ..tables.raw import Imported
-from ..tables.recordings import Windows, bench_columns, out_of_range_note, windows_of
+from ..tables.recordings import (
+    Windows,
+    bench_columns,
+    out_of_range_note,
+    stamp_origin,
+    windows_of,
+)
 from ..tables.shafts import exchanged_shafts, shafts_note
 from .opening import open_log
 from .selection import Selection, Stated, read_rows, select
@@ -145,9 +151,15 @@ def _hours(
     """Yield SI values with `stamp`, and the stage of each row, of at most `_PIECE` seconds."""
     parts: list[dict[str, Any]] = []
     start = np.nan
+    origin = np.nan
     for joined, values in read_rows(log, selection, _MIN_STEP):
         part = {name: values[name] for name in chosen}
-        part["stamp"] = joined.time
+        if np.isnan(origin):
+            origin = stamp_origin(joined.time)
+            if origin:
+                reason = f"stamps begin below zero: times count from {origin:g} s"
+                log.remarks.add("file", reason, count=0)
+        part["stamp"] = joined.time - origin
         parts.append(part)
         if progress is not None:
             progress(f"{100.0 * log.progress_of():.0f} %")

@@ -12,6 +12,7 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from hmcvt_core.files import data_path
 from hmcvt_core.files.table import Table, read_plain
 from hmcvt_core.transmission.ranges import OUTPUT_SPEED, Array, Range
 
+from ..tables.rules import meaning_of
 from ..tables.units import KIND_UNITS, plain_text, to_si, unit_of
 from .vehicle import Vehicle
 
@@ -61,16 +63,43 @@ _COLUMNS: dict[str, tuple[Range, str]] = {
     "slip": (Range("slip", 0.0, 0.6, "-", "a fraction, not percent"), "part"),
 }
 """Range of each column, and what its unit measures, a key of `KIND_UNITS`."""
+_OTHER_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        "time": "stamp cyc_secs seconds elapsed_time zeit t temps tiempo tempo \u65f6\u95f4",
+        "ground_speed": "speed vehicle_speed velocity v v_ist v_act v_veh cyc_mps mps gps_speed "
+        "actual_speed speed_actual driving_speed travel_speed fahrgeschwindigkeit "
+        "geschwindigkeit vitesse velocidad velocita \u8f66\u901f",
+        "drawbar_force": "drawbar drawbar_pull f_drawbar draft draft_force draught "
+        "draught_force pull zugkraft effort_de_traction fuerza_de_tiro tiro "
+        "\u7275\u5f15\u529b",
+        "pto_power": "pto p_pto power_pto zapfwellenleistung zapfwelle pto_leistung "
+        "puissance_pdf potencia_tdf",
+        "auxiliary_power": "auxiliary auxiliaries aux aux_power p_aux power_aux "
+        "nebenverbraucher",
+        "lowest_engine_speed": "min_engine_speed minimum_engine_speed engine_speed_min",
+        "slope": "grade gradient cyc_grade road_grade road_gradient road_slope steigung "
+        "pente pendiente pendenza \u5761\u5ea6",
+        "rolling_resistance": "rolling_coeff rolling_coefficient rollwiderstand "
+        "rolling_resistance_coefficient",
+        "slip": "wheel_slip schlupf slippage patinage",
+    }
+)
+"""Other names of columns: of `hmcvt estimate`, FASTSim, WLTP and of tables in six languages."""
 _ALIASES = {
-    **dict.fromkeys(("stamp", "cyc_secs", "seconds", "zeit", "t"), "time"),
-    **dict.fromkeys(("speed", "vehicle_speed", "velocity", "v"), "ground_speed"),
-    **dict.fromkeys(("cyc_mps", "mps", "fahrgeschwindigkeit"), "ground_speed"),
-    **dict.fromkeys(("grade", "gradient", "cyc_grade", "steigung"), "slope"),
+    name: column for column, names in _OTHER_NAMES.items() for name in names.split()
 }
-"""Other names of columns: of `hmcvt estimate`, FASTSim, WLTP and of German tables."""
+_STATES_UNIT = frozenset(
+    {"stamp", "cyc_secs", "seconds", "cyc_mps", "mps", "cyc_grade"}
+)
+"""Names that state their unit, which is that of SI."""
 _BRACKET = re.compile(r"(.*?)[\s_]*[\[(](.*)[\])]\s*")
 _OF_ESTIMATE = frozenset({"output_torque_low", "output_torque_high"})
 """Columns of a series of `hmcvt estimate` that begin like others but are bounds of them."""
+_OTHER_UNITS: Mapping[str, tuple[float, str]] = MappingProxyType(
+    {"power": (500.0, "kW"), "force": (200.0, "kN")}
+)
+"""Largest size of a column by kind up to which it may be in another unit than that of SI: 0.5 kW is
+less than a hydraulic pump takes at no pressure, 200 N less than an empty trailer pulls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +173,8 @@ def read_cycle(
     """Read a work cycle from CSV, or a shipped one by its name (`CYCLES`).
 
     Columns, each with a unit behind it where that is not SI (`ground_speed [km/h]`): `time`;
-    `output_speed` or `ground_speed`; `output_power`, or `drawbar_force` with a ground speed.
+    `output_speed` or `ground_speed`; `output_power` (or `output_torque` with an output speed), or
+    `drawbar_force` with a ground speed.
     Optional are `pto_power`, `auxiliary_power`, `lowest_engine_speed` (for the flow of hydraulic
     pumps), and for demands at the ground `slope`, `rolling_resistance` and `slip`, which replace
     those of the vehicle. A ground speed without a load is a cycle without a drawbar force. Case and
@@ -167,7 +197,7 @@ def read_cycle(
     headers = _known_headers(table)
     columns = {}
     for column, header in headers.items():
-        columns[column] = _numbers(table, header, *_COLUMNS[column])
+        columns[column] = _numbers(table, header, column)
     source = Path(name).name
     remarks = []
     has_load = not columns.keys().isdisjoint(_LOADS)
@@ -177,6 +207,9 @@ def read_cycle(
             "no column states a load: a drawbar force of 0 N is taken, so that it follows "
             "from mass, rolling resistance, slope and acceleration"
         )
+    if {"output_speed", "output_torque"} <= columns.keys():
+        power = columns["output_speed"] * columns["output_torque"]
+        columns.setdefault("output_power", power)
     _require_columns(columns, table)
     not_used = _not_used(table, headers)
     if not_used:
@@ -187,7 +220,8 @@ def read_cycle(
     grid = _Grid.of(time, step, source)
     sampled = {column: grid.sample(values) for column, values in columns.items()}
     cycle = _cycle(source, grid, sampled, vehicle or Vehicle())
-    return replace(cycle, remarks=(*remarks, *cycle.remarks))
+    remarks += [*cycle.remarks, *_without_units(headers)]
+    return replace(cycle, remarks=tuple(remarks))
 
 
 _LOADS = ("drawbar_force", "output_power", "output_torque")
@@ -201,6 +235,7 @@ def _known_headers(table: Table) -> dict[str, str]:
         InputError: two cells name one column, or a cell begins like a known one and is not.
     """
     headers: dict[str, str] = {}
+    named = {_name_and_unit(header)[0] for header in table.columns}
     for header in table.columns:
         name, _ = _name_and_unit(header)
         if name in _COLUMNS:
@@ -212,6 +247,8 @@ def _known_headers(table: Table) -> dict[str, str]:
             headers[name] = header
             continue
         alike = _begins_like(name)
+        if alike and _measures_another(header, alike) and alike in named:
+            continue  # such as the speed of a PTO whose power is there
         if alike:
             raise InputError(
                 f"{table.source}: column {header!r} is not known, but begins like {alike}: "
@@ -221,10 +258,17 @@ def _known_headers(table: Table) -> dict[str, str]:
     return headers
 
 
+def _plain_name(text: str) -> str:
+    """Return a name without accents, case, blanks and hyphens, its words parted by underscores."""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain_text(text.strip()))
+    return re.sub(r"[\s_-]+", "_", words).strip("_").lower()
+
+
 def _name_and_unit(header: str) -> tuple[str, str]:
     """Return the column that a header cell names, or its words, and the text of its unit.
 
-    Case, blanks and hyphens do not count; the unit may stand in brackets or behind the name.
+    Case, blanks and hyphens do not count; the unit may stand in brackets or behind the name. Speed,
+    torque and power of the output shaft have the names that `hmcvt import` takes.
 
     Args:
         header: such as `PTO Power [kW]` or `speed_kmh`.
@@ -235,10 +279,16 @@ def _name_and_unit(header: str) -> tuple[str, str]:
     if bracket is not None:
         text = bracket[1]
         unit = bracket[2].strip()
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain_text(text))
-    name = re.sub(r"[\s_-]+", "_", words).strip("_").lower()
+    name = _plain_name(text)
     known = _ALIASES.get(name, name)
-    if known in _COLUMNS or bracket is not None:
+    if known in _COLUMNS:
+        return known, unit
+    meaning = meaning_of(header, "")
+    if meaning.quantity in _OF_THE_SHAFT and not meaning.unknown:
+        if meaning.unit is not None and not unit:
+            unit = meaning.unit.name
+        return meaning.quantity, unit
+    if bracket is not None:
         return known, unit
     for split in (at.start() for at in re.finditer("_", name)):
         first = _ALIASES.get(name[:split], name[:split])
@@ -248,6 +298,10 @@ def _name_and_unit(header: str) -> tuple[str, str]:
         if first in _COLUMNS and kind == _COLUMNS[first][1]:
             return first, behind
     return name, ""
+
+
+_OF_THE_SHAFT = ("output_speed", "output_power", "output_torque")
+"""Columns that are quantities of a bench, too."""
 
 
 def _begins_like(name: str) -> str:
@@ -261,6 +315,12 @@ def _begins_like(name: str) -> str:
     return ""
 
 
+def _measures_another(header: str, column: str) -> bool:
+    """Return whether the unit of a header cell measures another kind than a column."""
+    known = unit_of(_name_and_unit(header)[1])
+    return known is not None and known.kind != _COLUMNS[column][1]
+
+
 def _not_used(table: Table, headers: Mapping[str, str]) -> list[str]:
     """Return the header cells of a table that no demand is made of.
 
@@ -269,12 +329,13 @@ def _not_used(table: Table, headers: Mapping[str, str]) -> list[str]:
         headers: cell of each known column.
     """
     used = set(headers)
-    if "output_power" in headers:
+    has_power = "output_power" in headers
+    if has_power:
         used -= {"slope", "rolling_resistance"}
         if "output_speed" in headers or "ground_speed" not in headers:
             used.discard("slip")
-        if _has_speed(headers):
-            used.discard("output_torque")
+    if "drawbar_force" in headers or (has_power and _has_speed(headers)):
+        used.discard("output_torque")
     cells = {headers[name] for name in used}
     return [header for header in table.columns if header not in cells]
 
@@ -284,34 +345,72 @@ def _has_speed(columns: Collection[str]) -> bool:
     return "output_speed" in columns or "ground_speed" in columns
 
 
-def _numbers(table: Table, header: str, limits: Range, kind: str) -> Array:
+def _without_units(headers: Mapping[str, str]) -> list[str]:
+    """Return a remark on columns whose header states no unit, which are taken in SI."""
+    listed = []
+    for column, header in headers.items():
+        limits, kind = _COLUMNS[column]
+        is_usual = kind == "time" or (kind == "part" and header.strip() == column)
+        if is_usual or _name_and_unit(header)[1]:
+            continue
+        if _plain_name(header) not in _STATES_UNIT:
+            listed.append(f"{header} [{limits.unit}]")
+    if not listed or "stamp" in headers.values():
+        return []  # `hmcvt estimate` writes SI
+    return [f"without a unit, taken as: {', '.join(listed)}"]
+
+
+def _numbers(table: Table, header: str, column: str) -> Array:
     """Return a column in SI; NaN for an empty cell.
 
     Args:
         table: as text.
         header: cell of the column.
-        limits: of its values.
-        kind: what it measures, a key of `KIND_UNITS`.
+        column: that it names, a key of `_COLUMNS`.
 
     Raises:
-        InputError: the unit is not known, or a value is no number or out of range.
+        InputError: the unit is not known or is open, or a value is no number or out of range.
     """
+    limits, kind = _COLUMNS[column]
     _, text = _name_and_unit(header)
+    usual = [unit for unit in KIND_UNITS[kind] if "@" not in unit]
+    is_respelt = header.strip() != column and _plain_name(header) not in _STATES_UNIT
+    if not text and is_respelt and kind not in ("time", "part"):
+        raise InputError(
+            f"{table.source}: column {header!r} states no unit: call it "
+            f"{header.strip()} [UNIT], one of {', '.join(usual)}"
+        )
     size = 1.0
     if text:
         known = unit_of(text)
         try:
             size, _ = to_si(kind, text if known is None else known.name)
         except KeyError:
+            reason = f"is no unit of {column}; there is {', '.join(usual)}"
+            if known is not None and known.name == "1/s":
+                reason = "may count radians or turns: write rad/s or rpm"
             raise InputError(
-                f"{table.source}: {text!r} is no unit of {limits.name}; there is "
-                f"{', '.join(unit for unit in KIND_UNITS[kind] if '@' not in unit)}"
+                f"{table.source}: column {header!r}: {text!r} {reason}"
             ) from None
     filled = ["nan" if cell == "" else cell for cell in table.columns[header]]
     values = size * replace(table, columns={header: filled}).numbers(header)
     present = [cell != "" for cell in table.columns[header]]
     table.require_range(np.where(present, values, limits.low), limits)
+    if not text:
+        _require_size(values, header, kind, table)
     return values
+
+
+def _require_size(values: Array, header: str, kind: str, table: Table) -> None:
+    """Raise an `InputError` where numbers without a unit are too small for that of SI."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    up_to, other = _OTHER_UNITS.get(kind, (0.0, ""))
+    if 1.0 < largest <= up_to:
+        unit = next(iter(KIND_UNITS[kind]))
+        raise InputError(
+            f"{table.source}: column {header!r} is at most {largest:g} and states no unit: "
+            f"call it {header} [{other}] or {header} [{unit}]"
+        )
 
 
 def _require_columns(columns: Mapping[str, Array], table: Table) -> None:

@@ -4,6 +4,7 @@
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from hmcvt_core.errors import InputError
@@ -72,6 +73,19 @@ class Vehicle:
 
 _UNITS = {"r/min": RPM, "r/min/s": RPM}
 """Units of a vehicle file that are not SI, and their size."""
+_PARTS = {"%": 0.01, "\u2030": 1e-3}
+_OTHER_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "kg": {"t": 1e3, "lb": 0.45359237},
+        "m": {"mm": 1e-3, "cm": 1e-2, "in": 0.0254},
+        "-": _PARTS,
+        "r/min": {"rpm": 1.0, "1/min": 1.0, "min-1": 1.0, "rad/s": 1.0 / RPM},
+        "r/min/s": {"rpm/s": 1.0, "rad/s2": 1.0 / RPM},
+        "s": {"ms": 1e-3},
+        "J": {"kJ": 1e3},
+    }
+)
+"""Other units that a value may state, and their size in the one of its key."""
 
 _VEHICLE_RANGES = (
     Range("mass", 100.0, 1e5, "kg", "is it in tonnes?"),
@@ -133,12 +147,22 @@ def _values(
     for limits in ranges:
         if limits.name not in data:
             continue
-        value, stated_at = quantity(
-            data[limits.name], limits.unit, f"{where}{limits.name}"
-        )
+        entry = _in_unit(data[limits.name], limits.unit)
+        value, stated_at = quantity(entry, limits.unit, f"{where}{limits.name}")
         checked = Range(stated_at, limits.low, limits.high, limits.unit, limits.hint)
         values[limits.name] = float(checked.check(value)) * _UNITS.get(limits.unit, 1.0)
     return values
+
+
+def _in_unit(entry: Any, unit: str) -> Any:
+    """Return `{value, unit}` in the unit of its key; anything else as it is."""
+    if not isinstance(entry, Mapping):
+        return entry
+    size = _OTHER_UNITS.get(unit, {}).get(entry.get("unit", unit))
+    value = entry.get("value")
+    if size is None or isinstance(value, bool) or not isinstance(value, (int, float)):
+        return entry
+    return {**entry, "value": size * value, "unit": unit}
 
 
 def _require_order(low: float, high: float, name: str) -> None:

@@ -75,6 +75,8 @@ OPTIONAL = tuple(
 )
 """Quantities that samples do without, and that do not make up the power."""
 _DECIMALS = ("--decimal point", "--decimal comma")
+_FASTEST_OUTPUT = 450.0
+"""Up to this number a speed of an output shaft may be in rad/s [rad/s]: 4,300 r/min."""
 _SAME = 1e-9
 """Fraction by which one value in two units differs at most, by rounding of floating point."""
 _SAME_TIME = 0.5
@@ -263,7 +265,7 @@ def propose(
         question = _question(quantity, rivals)
         if question is not None:
             questions[quantity] = question
-    _same_speed_units(proposed, given, questions)
+    _same_speed_units(proposed, given, candidates, questions)
     of_map = bool(table.matrix)  # its axis is a quantity, whatever else is in its cells
     _assign_sides(candidates, proposed, given, questions, notes, of_map)
     _ask_torque_of_load(proposed, given, questions)
@@ -502,7 +504,7 @@ def _stroke_doubt(name: str, values: Array) -> str:
 _UNUSUAL = frozenset(
     {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
 )
-"""Units of other columns beside which a torque without a unit may well not be in N m."""
+"""Units of other columns next to which a torque without a unit may well not be in N m."""
 _UNUSUAL_WORDS = re.compile(
     r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
     re.IGNORECASE,
@@ -735,11 +737,12 @@ def _equal(one: _Candidate, other: _Candidate) -> bool:
 def _same_speed_units(
     proposed: dict[str, Column],
     given: Mapping[str, Column],
+    candidates: Mapping[str, list[_Candidate]],
     questions: dict[str, Question],
 ) -> None:
     """Take an output speed without unit in that of the engine: it may turn slowly.
 
-    Where the size of its numbers says another unit, only an efficiency by the shafts can confirm
+    Where the size of its numbers may say another unit, only an efficiency by the shafts can confirm
     that, which the checks look at; else the unit is asked.
     """
     engine = proposed.get("engine_speed") or given.get("engine_speed")
@@ -749,6 +752,9 @@ def _same_speed_units(
     known = {*proposed, *given}
     confirmed = "output_torque" in known and bool(known & set(INPUTS))
     same = to_si("speed", output.unit) == to_si("speed", engine.unit or "rad/s")
+    values = candidates["output_speed"][0].values
+    if values is not None and to_si("speed", engine.unit or "rad/s")[0] < 1.0:
+        same = same and float(np.nanmax(np.abs(values))) > _FASTEST_OUTPUT
     if not same and not confirmed:
         answers = tuple(
             option("output_speed", output.name, unit) for unit in ("rad/s", "rpm")

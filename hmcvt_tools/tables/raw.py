@@ -42,7 +42,14 @@ from .proposal import (
     option,
     propose,
 )
-from .recordings import cut, even_columns, is_recording, looks_recorded, powers
+from .recordings import (
+    clock_of,
+    cut,
+    even_columns,
+    is_recording,
+    looks_recorded,
+    powers,
+)
 from .rules import meaning_of
 from .shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
 from .stamps import joined_stamps, read_times
@@ -695,6 +702,8 @@ def _from_recording(
     unchecked: bool,
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
+    clock = clock_of(values["stamp"])
+    values["stamp"] = clock.stamp
     if not unchecked:
         spares = _all_values(proposal.spares, table)
         _refuse_contradictions(
@@ -713,7 +722,7 @@ def _from_recording(
         source=table.source,
         sha256=table.sha256,
     )
-    notes = [*proposal.notes, *proposal.assumed, *windows.notes]
+    notes = [*proposal.notes, *proposal.assumed, *windows.notes, *clock.notes]
     if table.broken:
         first = min(table.broken)
         notes.append(

@@ -2,7 +2,7 @@
 """A table that is a recording: recognised by its time, joined, and cut into steady windows.
 
 The windows are found by `steady`, as for a bag. Signals that were written one a row are joined by
-linear interpolation in time, never across a gap.
+interpolation in time, never across a gap; a signal that is sent on change holds its value.
 """
 
 from collections import Counter
@@ -17,13 +17,17 @@ from hmcvt_core.transmission.quantities import BY_NAME, STORED
 from hmcvt_core.transmission.ranges import Array
 
 from ..steady import (
+    LONGEST_LINE,
     Readings,
     Shafts,
     Steadiness,
     complaint,
     held,
+    interpolated,
+    reach_of,
     split_at_gaps,
     steady_tests,
+    stray_stamps,
 )
 from .header import RawTable
 from .numbers import last_digit
@@ -32,7 +36,7 @@ _RECORDED = 100
 """Rows from which a table with a step of at most `_STEP` is a recording."""
 _STEP = 1.1  # s; a bench test takes longer to settle
 _SLOW_RECORDED = 40
-"""Rows from which a table that hardly changes from row to row is a recording."""
+"""Rows from which a table that barely changes from row to row is a recording."""
 _SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
 _REGULAR = 0.2  # part by which the steps of a clock differ from their median
 _SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
@@ -42,8 +46,9 @@ _SWEPT = 100
 _AGE = 5.0  # s; so far a reading of the oil holds, as in a bag
 _SPARSE = 0.5
 """Share of complete rows below which signals are joined by time."""
-_MAX_STEPS = 3.0
-"""Steps of a signal across which it is interpolated; more is a gap."""
+_LINE_STEPS = 3.0
+"""Rows for each signal across which a signal changes gradually, where each stands in rows of its
+own."""
 
 
 class Cut(NamedTuple):
@@ -58,6 +63,46 @@ class Cut(NamedTuple):
     columns: dict[str, Any]
     stages: tuple[str, ...]
     notes: tuple[str, ...]
+
+
+class Clock(NamedTuple):
+    """Stamps of a recording from zero on.
+
+    Attributes:
+        stamp: NaN where none is known or one is wrong, shape (n,) [s].
+        notes: what was changed.
+    """
+
+    stamp: Array
+    notes: tuple[str, ...]
+
+
+def clock_of(stamp: Array) -> Clock:
+    """Return stamps without single wrong ones, counted so that none is below zero.
+
+    What is recorded before a trigger has stamps below zero.
+
+    Args:
+        stamp: times in the order of the file, NaN where none is known, shape (n,) [s].
+    """
+    notes = []
+    wrong = stray_stamps(stamp) | stray_stamps(-stamp[::-1])[::-1]
+    if wrong.any():
+        notes.append(f"{int(wrong.sum())} rows with a stamp out of order left out")
+    kept = np.where(wrong, np.nan, stamp)
+    origin = stamp_origin(kept)
+    if origin:
+        notes.append(f"stamps begin below zero: times count from {origin:g} s")
+    return Clock(kept - origin, tuple(notes))
+
+
+def stamp_origin(stamp: Array) -> float:
+    """Return the whole second from which stamps count so that none is below zero [s].
+
+    Args:
+        stamp: times [s], NaN where none is known, shape (n,).
+    """
+    return min(0.0, float(np.floor(np.nanmin(stamp))))
 
 
 def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
@@ -83,7 +128,7 @@ def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
 
 
 def is_smooth(values: Mapping[str, Array]) -> bool:
-    """Return whether all quantities hardly change from row to row."""
+    """Return whether all quantities barely change from row to row."""
     changes = []
     for name, column in values.items():
         known = column[np.isfinite(column)]
@@ -114,7 +159,7 @@ def even_columns(table: RawTable) -> list[str]:
             continue
         step = (values[-1] - values[0]) / (len(values) - 1)
         comma = table.styles[name].comma
-        # Cells may be written without zeros at their end, so that the finest one tells.
+        # Cells may be written without zeros at their end, so that the finest one decides.
         digit = min(last_digit(cell, comma) for cell in cells[1:_FORMATTED])
         line = values[0] + step * np.arange(len(values))
         is_count = abs(step) == 1.0
@@ -133,7 +178,7 @@ _MIN_STEP = 2.0
 def is_grid(values: Mapping[str, Array]) -> bool:
     """Return whether rows go through a grid: one quantity set, another one swept at each setting.
 
-    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins anew
+    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins again
     at each. A sweep of more rows than a bench takes points is a ramp of a recording.
     """
     for name, column in values.items():
@@ -337,25 +382,32 @@ def _joined(
     sparse = np.isfinite(time) & filled.any(axis=0)
     if filled.all(axis=0).sum() >= _SPARSE * max(int(sparse.sum()), 1):
         return signals
+    rows_apart = _median_step(np.sort(time[sparse]))
+    line = max(LONGEST_LINE, _LINE_STEPS * len(needed) * rows_apart)
     joined = dict(signals)
     for name in needed:
-        joined[name] = _interpolated(time, signals[name])
+        joined[name] = _interpolated(time, signals[name], line)
     return joined
 
 
-def _interpolated(time: Array, column: Array) -> Array:
-    """Interpolate a signal between its readings, but not across a gap."""
+def _interpolated(time: Array, column: Array, line: float) -> Array:
+    """Return a signal at the time of every row, but not across a gap.
+
+    Args:
+        time: of the rows, NaN where none is known [s].
+        column: the signal, NaN where a row holds none.
+        line: longest step across which it changes gradually [s].
+    """
     known = np.isfinite(column) & np.isfinite(time)
     if known.sum() < 2:
         return column
-    order = np.argsort(time[known], kind="stable")
-    times = time[known][order]
-    readings = column[known][order]
-    longest = _MAX_STEPS * max(_median_step(times), 1e-9)
-    after = np.clip(np.searchsorted(times, time), 1, len(times) - 1)
-    close = times[after] - times[after - 1] <= longest
-    inside = (time >= times[0]) & (time <= times[-1])
-    return np.where(close & inside, np.interp(time, times, readings), np.nan)
+    times, first = np.unique(time[known], return_index=True)
+    if len(times) < 2:
+        return column
+    readings = column[known][first]
+    reach = reach_of(times)
+    rows = np.nan_to_num(time, nan=-np.inf)
+    return interpolated(rows, times, readings, reach, line)
 
 
 def _median_step(time: Array) -> float:

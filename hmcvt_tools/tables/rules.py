@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from hmcvt_core.transmission.quantities import QUANTITIES, Heading
 
-from .units import Unit, plain_text, unit_of, usual_unit
+from .units import KIND_UNITS, Unit, plain_text, to_si, unit_of, usual_unit
 
 KINDS = (
     "efficiency",
@@ -40,8 +40,10 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "stroke": "displacement stroke eps epsilon swash swivel swashplate "
         "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad aussteuerung "
         "schluckgrad alpha displ cylindree cilindrada cilindrata carrera corsa course "
+        "schwenkgrad ausschwenkung ausschwenkgrad foerdervolumen verdraengungsvolumen "
+        "schluckvolumen plateau plato piatto "
         "\u6392\u91cf\u6bd4 \u6392\u91cf \u659c\u76d8",
-        "temperature": "temp temperature temperatur temperatura temperaturen "
+        "temperature": "temp temperature temperatur temperatura temperaturen theta "
         "\u6e29\u5ea6 \u6cb9\u6e29",
         "pressure": "pressure press pres druck dp deltap druckdifferenz differenzdruck "
         "pression presion pressione pressao hochdruck \u538b\u529b \u538b\u5dee "
@@ -58,16 +60,17 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
         "\u6d41\u91cf",
         "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
-        "eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i moteur entree "
+        "\u8f93\u5165\u7aef eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i "
+        "moteur entree "
         "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
         "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
-        "ausgangswelle sortie salida uscita saida cardan \u8f93\u51fa "
-        "\u8f93\u51fa\u8f74",
+        "ausgangswelle sortie salida uscita saida cardan gelenkwelle kardanwelle nout "
+        "\u8f93\u51fa \u8f93\u51fa\u8f74 \u8f93\u51fa\u7aef",
         "load": "load last charge carga carico \u8d1f\u8f7d",
         "std": "std sigma uncertainty stdev scatter streuung unsicherheit deviation "
         "standardabweichung",
         "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
-        "hydrauliktank oeltank \u6cb9",
+        "hydrauliktank oeltank sumpf oelsumpf \u6cb9\u6db2 \u6cb9",
         "pump": "pump pumpe pompe pompa bomba \u6cf5 \u53d8\u91cf\u6cf5",
         "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
         "alta baja bassa system",
@@ -79,7 +82,9 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
         "gearbox getriebe trans cvt hmcvt angular plate "
         "position pos angle winkel relative norm normalized relativ relativer "
-        "relativa relativo permille promille "
+        "relativa relativo relatives relatif rel dell permille promille tilt setting "
+        "verhaeltnis verstell taux rapport rapporto relacion inclinaison inclinazione "
+        "inclinacion posicion posizione \u503e\u89d2\u6bd4 \u503e\u89d2 \u5f00\u5ea6 "
         "\u76f8\u5bf9 percent delta d diff "
         "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
         "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
@@ -91,6 +96,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "commanded demand demanded desired requested request limit limits max maximum "
         "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
         "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
+        "averaging mittelungszeit messzeit messdauer "
         "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
         "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
         "volumetrique volumique mecanique volumetrico mecanico mecanica volumetrica meccanico "
@@ -127,32 +133,32 @@ _OF_A_PART = frozenset(
         *("brake", "belt", "drive", "axle", "stage", "stufe"),
     }
 )
-"""Beside an efficiency these words name a part of the transmission, or more than it."""
+"""Next to an efficiency these words name a part of the transmission, or more than it."""
 _DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
-"""Beside what is measured at a shaft these words name a change of it."""
+"""Next to what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
         *("drehzahl", "drehmoment", "moment", "leistung"),
         *("par", "velocidad", "regimen", "potencia"),
     }
 )
-"""Beside these words `motor` is German or Spanish and means the engine."""
+"""Next to these words `motor` is German or Spanish and means the engine."""
 
 _OIL_PLACES = frozenset(
     {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
 )
 
 _PORTS = frozenset({"a", "b", "port"})
-"""Beside a pressure these words name one port of the hydrostatic units."""
+"""Next to a pressure these words name one port of the hydrostatic units."""
 _FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
-"""Beginnings of words that beside a pressure or temperature name the feed circuit, not a load."""
+"""Beginnings of words that next to a pressure or temperature name the feed circuit, not a load."""
 _OF_THE_HYDRAULICS = frozenset(
     {
         *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
         *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
     }
 )
-"""Beside a power or an efficiency these words name the hydraulic path alone."""
+"""Next to a power or an efficiency these words name the hydraulic path alone."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -425,7 +431,7 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
-    # What a heading needs does not speak against its quantity.
+    # What a heading needs does not contradict its quantity.
     claimed, needed = _claimed(kind, means)
     excluding = _excluding(parts.words, kind, means - needed)
     if excluding:
@@ -442,6 +448,10 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     clash = _kinds_clash(quantity, kind, words)
     problem = problem or side_problem or clash
     return Meaning(quantity, kind, unit, unknown, problem, weak)
+
+
+_RATIOS = ("ratio", "verhaeltnis", "taux", "rapport", "rapporto", "relacion")
+"""Words of a ratio, which of shafts is none of the quantities."""
 
 
 def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
@@ -472,7 +482,7 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
             continue
         if low in listed or against & set(_word_meanings(low)):
             return word
-        if low == "ratio" and kind not in ("stroke", "efficiency"):
+        if low.endswith(_RATIOS) and kind not in ("stroke", "efficiency"):
             return word
     return ""
 
@@ -497,9 +507,19 @@ def _unit_clash(in_name: Unit | None, below: Unit | None) -> str:
     """Say how the unit of the name and that of the row of units differ; `""` if they agree."""
     if in_name is None or below is None:
         return ""
-    if below == in_name or below.name == "-":
+    if below == in_name or below.name == "-" or _same_size(in_name, below):
         return ""
     return f"the header says {in_name.name}, the row of units {below.name}"
+
+
+def _same_size(one: Unit, other: Unit) -> bool:
+    """Return whether two units are one, as `rpm` and `1/min`."""
+    if one.kind != other.kind or one.kind not in KIND_UNITS:
+        return False
+    try:
+        return to_si(one.kind, one.name) == to_si(other.kind, other.name)
+    except KeyError:
+        return False
 
 
 def _kind(words: list[str], unit: Unit | None) -> tuple[str, bool, str]:
@@ -618,8 +638,8 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
     """
     sides = means & {"engine", "output", "load"}
     if kind in SHAFT_KINDS:
-        if sides == {"engine", "output"} and "of the engine" in " ".join(words):
-            sides = {"engine"}
+        if sides == {"engine", "output"}:
+            sides = _one_of_two(words)
         if not sides and "loss" not in means:
             return f"any_{kind}", ""
         if len(sides) > 1:
@@ -632,6 +652,25 @@ def _by_rules(kind: str, means: set[str], words: list[str]) -> tuple[str, str]:
         if measured == kind and _is_named_by(heading, means, sides):
             return quantity, ""
     return "", ""
+
+
+_AT_THE_OUTPUT = frozenset(
+    {"uscita", "salida", "sortie", "output", "outlet", "abtrieb", "ausgang"}
+)
+
+
+def _one_of_two(words: list[str]) -> set[str]:
+    """Return the side of a name in which a word of the other one is a preposition.
+
+    Args:
+        words: of a name that says engine and output, in lower case.
+    """
+    if "of the engine" in " ".join(words):
+        return {"engine"}
+    engine = {word for word in words if "engine" in _word_meanings(word)}
+    if engine == {"in"} and not _AT_THE_OUTPUT.isdisjoint(words):
+        return {"output"}  # as in `coppia in uscita`
+    return {"engine", "output"}
 
 
 def _says_difference(words: list[str]) -> bool:
@@ -675,7 +714,7 @@ _UNIT_BENCH = (
     ("torque_loss", "torque", "loss losses verlust friction reib"),
     ("oil_temperature", "temperature", "oil oel \u6cb9\u6e29"),
 )
-"""Quantities of the bench of one pump or motor that a further word tells apart."""
+"""Quantities of the bench of one pump or motor that a further word distinguishes."""
 _UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
 _UNIT_BENCH_WORDS = frozenset(
     {

@@ -254,7 +254,7 @@ _QUESTIONS = (
         then="85 %",
     ),
     _Question(
-        "removed, where noise and misfit permit",
+        "removed, where noise and base permit",
         0.0,
         LISTED,
         lambda r: _gone(r) if _room(r) else None,

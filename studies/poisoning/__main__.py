@@ -40,8 +40,8 @@ MISTAKE_HEAD = (
     "spoiled",
     "clean not refused",
     "spoiled not refused",
-    "bad samples set aside",
-    "good ones set aside",
+    "bad samples rejected",
+    "good samples rejected",
 )
 
 

@@ -4,19 +4,22 @@
 import argparse
 import contextlib
 import io
+import re
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hmcvt_core import read_bench
+from hmcvt_core import BenchSamples, read_bench
+from hmcvt_core.transmission.ranges import RPM
 from hmcvt_tools.cli import main
 
-from .truth import Recording, random_recording
+from .files import random_recording
+from .truth import History, Recording
 
 TOLERANCE = 2e-3
-"""Fraction by which an efficiency may differ: noise of the readings, and steps of the bus."""
+"""Fraction by which a value may differ: noise of the readings, and steps of the bus."""
 
 
 class Outcome(NamedTuple):
@@ -38,30 +41,58 @@ def judge(recording: Recording, folder: Path) -> Outcome:
     out = folder / "samples.csv"
     out.unlink(missing_ok=True)
     arguments = ["import", str(recording.path), "--out", str(out), "--yes"]
+    said = io.StringIO()
     shown = io.StringIO()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(shown):
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(shown):
         try:
             main([*arguments, *recording.options])
             code = 0
         except SystemExit as stopped:
             code = int(stopped.code or 0)
+        except Exception as error:  # what a user would see as a traceback
+            return Outcome(1, str(error), f"traceback: {error!r}")
     message = shown.getvalue()
-    if "Traceback" in message or code not in (0, 2):
-        return Outcome(code, message, "traceback")
+    if code not in (0, 2):
+        return Outcome(code, message, f"exit code {code}")
     if code != 0:
         return Outcome(code, message, "")
     if recording.must_ask:
         return Outcome(code, message, "taken without the question that it needs")
-    samples = read_bench(out)
-    for value, stroke in zip(
-        samples.efficiency, samples.displacement_ratio, strict=True
-    ):
-        test = int(np.argmin(np.abs(recording.efficiency / value - 1.0)))
-        if abs(recording.efficiency[test] / value - 1.0) > TOLERANCE:
-            return Outcome(code, message, f"efficiency {value:.4f} is of no test")
-        if abs(recording.stroke[test] - stroke) > TOLERANCE:
-            return Outcome(code, message, f"stroke {stroke:.4f} is of another test")
-    return Outcome(code, message, "")
+    if "e+09" in said.getvalue() or "00000000.0 s" in said.getvalue():
+        return Outcome(code, message, "a stamp that is wrong by far is used")
+    tests, wrong = _tests_of(read_bench(out), recording.history)
+    lost = set(np.flatnonzero(recording.history.covered).tolist()) - tests
+    if not wrong and lost and not _LOSS.search(said.getvalue()):
+        wrong = f"tests {sorted(lost)} are missing, and nothing states it"
+    return Outcome(code, message, wrong)
+
+
+_LOSS = re.compile(
+    r"gaps|out of order|cut off|[1-9]\d* (windows out of range|rows without a number)"
+)
+"""Remarks that state that something of the file was not used."""
+
+
+def _tests_of(samples: BenchSamples, history: History) -> tuple[set[int], str]:
+    """Return which tests the samples are of, and what is wrong; `""` for nothing."""
+    tests = set()
+    for row in range(len(samples)):
+        efficiency = samples.efficiency[row]
+        stroke = samples.displacement_ratio[row]
+        test = int(np.argmin(np.abs(history.tests["PumpStroke"] - 100.0 * stroke)))
+        if abs(history.tests["PumpStroke"][test] - 100.0 * stroke) > 100.0 * TOLERANCE:
+            return tests, f"stroke {stroke:.4f} is of no test"
+        speed = history.tests["EngineSpeed"][test] * RPM
+        expected = {
+            "efficiency": (efficiency, history.efficiency[test]),
+            "load torque": (samples.load_torque[row], history.load[test]),
+            "engine speed": (samples.engine_speed[row], speed),
+        }
+        for name, (value, truth) in expected.items():
+            if abs(value / truth - 1.0) > TOLERANCE:
+                return tests, f"{name} {value:.4f} of test {test} is {truth:.4f}"
+        tests.add(test)
+    return tests, ""
 
 
 def run(count: int, seed: int, show: int) -> int:
@@ -86,16 +117,20 @@ def run(count: int, seed: int, show: int) -> int:
         if outcome.wrong:
             wrong += 1
             if wrong <= show:
-                print(f"WRONG {index}: {outcome.wrong}: {recording.features}")
+                print(f"WRONG {index}: {outcome.wrong}: {_drawn(recording)}")
         elif outcome.code != 0 and not recording.must_ask:
             asked += 1
             if asked <= show:
-                print(f"ASKED {index}: {outcome.message[-400:]} {recording.features}")
+                print(f"ASKED {index}: {outcome.message[-400:]} {_drawn(recording)}")
     print(f"{count} recordings, seed {seed}: {wrong} wrong without a word")
     print(
         f"{clear} leave nothing open, of which {taken} are imported without a question"
     )
     return wrong
+
+
+def _drawn(recording: Recording) -> dict[str, Any]:
+    return {**recording.features, **recording.history.features}
 
 
 if __name__ == "__main__":

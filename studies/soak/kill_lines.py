@@ -152,7 +152,7 @@ STEPS: dict[str, tuple[Act, Act]] = {
         lambda folder: _write(folder, 3),
     ),
     "repair of a torn log": (_write_and_tear, _log),
-    "log set aside": (
+    "log kept under another name": (
         lambda folder: _write(folder, 0, 1, 2),
         lambda folder: _log(folder).set_aside(),
     ),

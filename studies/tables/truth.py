@@ -114,6 +114,109 @@ NAMES: dict[str, dict[str, tuple[str, ...]]] = {
         "oil_temperature": ("\u6cb9\u6e29",),
     },
 }
+# Further names, from headings of public reports and data sheets.
+FURTHER_NAMES: dict[str, dict[str, tuple[str, ...]]] = {
+    "en": {
+        "displacement_ratio": (
+            "pump displacement",
+            "relative displacement",
+            "rel. displacement",
+            "swash plate position",
+        ),
+        "engine_speed": (
+            "engine rpm",
+            "input shaft speed",
+        ),
+        "engine_torque": (
+            "input shaft torque",
+            "torque in",
+        ),
+        "output_speed": (
+            "output shaft speed",
+            "n_out",
+        ),
+        "output_torque": ("torque output",),
+        "oil_temperature": (
+            "transmission oil temperature",
+            "oil sump temp",
+        ),
+        "efficiency": ("overall efficiency",),
+    },
+    "de": {
+        "displacement_ratio": (
+            "Verstellgrad",
+            "Pumpenverstellung",
+            "rel. Schwenkwinkel",
+            "relatives F\u00f6rdervolumen",
+            "Ausschwenkgrad",
+        ),
+        "engine_speed": (
+            "Eingangsdrehzahl",
+            "n_ein",
+        ),
+        "engine_torque": (
+            "Eingangsmoment",
+            "M_ein",
+        ),
+        "output_speed": (
+            "Ausgangsdrehzahl",
+            "Gelenkwellendrehzahl",
+        ),
+        "output_torque": (
+            "Ausgangsmoment",
+            "Drehmoment Ausgang",
+        ),
+        "oil_temperature": ("\u00d6lsumpftemperatur",),
+    },
+    "fr": {
+        "displacement_ratio": (
+            "cylindr\u00e9e relative",
+            "taux de cylindr\u00e9e",
+            "angle plateau",
+        ),
+        "engine_speed": ("vitesse arbre d'entr\u00e9e",),
+        "output_speed": ("vitesse arbre de sortie",),
+        "output_torque": ("couple arbre de sortie",),
+        "oil_temperature": ("temp. huile",),
+    },
+    "es": {
+        "displacement_ratio": (
+            "cilindrada relativa",
+            "relaci\u00f3n de cilindrada",
+        ),
+        "engine_speed": ("velocidad del eje de entrada",),
+        "output_speed": ("velocidad del eje de salida",),
+        "oil_temperature": ("temp. aceite",),
+    },
+    "it": {
+        "displacement_ratio": (
+            "cilindrata relativa",
+            "rapporto di cilindrata",
+            "inclinazione piatto",
+        ),
+        "engine_speed": ("velocit\u00e0 albero ingresso",),
+        "output_speed": ("velocit\u00e0 in uscita",),
+        "output_torque": (
+            "coppia in uscita",
+            "coppia albero uscita",
+        ),
+        "oil_temperature": ("temperatura dell'olio",),
+    },
+    "zh": {
+        "displacement_ratio": (
+            "\u6cf5\u6392\u91cf\u6bd4",
+            "\u76f8\u5bf9\u6392\u91cf",
+            "\u659c\u76d8\u5f00\u5ea6",
+        ),
+        "engine_speed": (
+            "\u8f93\u5165\u8f74\u8f6c\u901f",
+            "\u8f93\u5165\u7aef\u8f6c\u901f",
+        ),
+        "output_speed": ("\u8f93\u51fa\u8f74\u8f6c\u901f",),
+        "output_torque": ("\u8f93\u51fa\u8f74\u626d\u77e9",),
+        "oil_temperature": ("\u6cb9\u6db2\u6e29\u5ea6",),
+    },
+}
 # Unit texts by kind: size and zero in SI.
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "part": {"%": (0.01, 0.0), "-": (1.0, 0.0)},
@@ -203,6 +306,22 @@ OTHERS = (
     ("PTO speed [rpm]", 540.0, 5.0),
     ("humidity [%]", 40.0, 9.0),
     ("vehicle speed [km/h]", 12.0, 5.0),
+    ("K\u00fchlwassertemperatur [\u00b0C]", 85.0, 3.0),
+    ("Umgebungstemperatur [\u00b0C]", 22.0, 2.0),
+    ("temp\u00e9rature eau [\u00b0C]", 85.0, 3.0),
+    ("temperatura ambiente [\u00b0C]", 22.0, 2.0),
+    ("\u51b7\u5374\u6db2\u6e29\u5ea6 [\u00b0C]", 85.0, 3.0),
+    ("Speisedruck [bar]", 24.0, 1.0),
+    ("pression de gavage [bar]", 24.0, 1.0),
+    ("presi\u00f3n de carga [bar]", 24.0, 1.0),
+    ("consumo [l/h]", 20.0, 3.0),
+    ("Zapfwellendrehzahl [1/min]", 540.0, 5.0),
+    ("relative humidity [%]", 40.0, 9.0),
+    ("Luftdruck [mbar]", 1000.0, 9.0),
+    ("case drain flow [l/min]", 3.0, 0.5),
+    ("valve current [mA]", 400.0, 90.0),
+    ("load factor [%]", 60.0, 9.0),
+    ("Abgastemperatur [\u00b0C]", 350.0, 40.0),
 )
 # Columns that make a table ambiguous: quantity that they may be taken for, header.
 RIVALS = (
@@ -290,7 +409,8 @@ def random_table(rng: np.random.Generator) -> RandomTable:
     columns: list[Column] = []
     rounding = 1e-4
     for quantity in quantities:
-        name = str(rng.choice(NAMES[language][quantity]))
+        further = FURTHER_NAMES[language].get(quantity, ())
+        name = str(rng.choice([*NAMES[language][quantity], *further]))
         kind = KINDS[quantity]
         unit = _unit(rng, kind, style)
         size, zero = UNITS[kind].get(unit, (1.0, 0.0))

@@ -59,7 +59,7 @@ def record(one: UnitDiagnosis) -> dict[str, Any]:
         }
         part = 1.0 - (row["holdout_with_effects"] / row["holdout_base"]) ** 2
         errors[channel] = {**row, "removed": part}
-    same = "" if one.same is None else f" ({one.same} of {DEALS} deals)"
+    same = "" if one.same is None else f" ({one.same} of {DEALS} fold assignments)"
     return {
         "samples": len(found.samples),
         "verdict": found.verdict.replace("_", " ") + same,

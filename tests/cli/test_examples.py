@@ -121,6 +121,8 @@ def workplace(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "data", tmp_path / "data")
     shutil.copytree(ROOT / "params", tmp_path / "params")
     (tmp_path / "docs").mkdir()
+    (tmp_path / "examples").mkdir()
+    shutil.copy(ROOT / "examples" / "electric_drive.py", tmp_path / "examples")
     write_raw_bench(tmp_path / "raw.csv")
     _write_logs(tmp_path)
     for name in (

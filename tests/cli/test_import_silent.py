@@ -478,3 +478,16 @@ def test_a_misread_sign_in_a_name_is_asked(hmcvt, tmp_path):
     )
     done = imported(hmcvt, tmp_path, text_of(columns))
     assert done.code == 2 and "is not known" in done.err, done
+
+
+def test_an_output_speed_without_a_unit_may_be_in_radians(hmcvt, tmp_path):
+    columns = {
+        "stroke": 100.0 * STROKE,
+        "engine speed": ENGINE,
+        "output speed": 1.3 * OUTPUT * RPM,
+        "output torque": OUT / 1.3,
+        "efficiency": 100.0 * EFFICIENCY,
+    }
+    done = imported(hmcvt, tmp_path, text_of(columns))
+    assert done.code == 2
+    assert "column 'output speed' names no unit" in done.err

@@ -55,6 +55,37 @@ def test_relative_displacement(tmp_path, language):
 
 
 @pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("rel. Schwenkwinkel [%]", "displacement_ratio"),
+        ("relatives F\u00f6rdervolumen [%]", "displacement_ratio"),
+        ("taux de cylindr\u00e9e [%]", "displacement_ratio"),
+        ("relaci\u00f3n de cilindrada [-]", "displacement_ratio"),
+        ("inclinazione piatto [%]", "displacement_ratio"),
+        ("\u659c\u76d8\u5f00\u5ea6 [%]", "displacement_ratio"),
+        ("\u8f93\u5165\u7aef\u8f6c\u901f [rpm]", "engine_speed"),
+        ("Gelenkwellendrehzahl [1/min]", "output_speed"),
+        ("coppia in uscita [Nm]", "output_torque"),
+        ("velocit\u00e0 in uscita [rpm]", "output_speed"),
+        ("\u00d6lsumpftemperatur [\u00b0C]", "oil_temperature"),
+        ("torque in [Nm]", "engine_torque"),
+        ("Drehzahlverh\u00e4ltnis [-]", ""),
+        ("rapport de vitesse [-]", ""),
+        ("Drehmomentverh\u00e4ltnis [Nm]", ""),
+    ],
+)
+def test_headings_of_reports(name, quantity):
+    meaning = meaning_of(name)
+    assert meaning.quantity == quantity
+    assert not meaning.unknown
+
+
+def test_two_spellings_of_one_unit_agree():
+    assert meaning_of("engine rpm", "1/min").problem == ""
+    assert meaning_of("engine rpm", "deg/s").problem.startswith("the header says")
+
+
+@pytest.mark.parametrize(
     ("unit", "size"), [("‰", 1e-3), ("ppm", 1e-6), ("promille", 1e-3), ("%", 1e-2)]
 )
 def test_parts_of_a_whole(tmp_path, unit, size):
@@ -133,7 +164,10 @@ def test_names_of_cycles(tmp_path, name):
 def test_columns_of_cycles_that_are_not_used_are_named(tmp_path):
     header = "time,output_speed,output_power,slope [%],operator"
     read = cycle(tmp_path / "c.csv", header, "100,5000,3,7")
-    assert read.remarks == ("columns not used: slope [%], operator",)
+    assert read.remarks == (
+        "columns not used: slope [%], operator",
+        "without a unit, taken as: output_speed [rad/s], output_power [W]",
+    )
 
 
 def test_a_name_like_a_known_one_is_asked(tmp_path):
@@ -157,7 +191,62 @@ def test_a_cycle_without_a_load(tmp_path, header):
     )
     np.testing.assert_array_equal(read.output_power, forced.output_power)
     assert "a drawbar force of 0 N is taken" in read.remarks[0]
-    assert forced.remarks == ()
+    assert forced.remarks == (
+        "without a unit, taken as: ground_speed [m/s], drawbar_force [N]",
+    )
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "complaint"),
+    [
+        (
+            "time,Ground Speed,drawbar_force [kN]",
+            "8,20",
+            "'Ground Speed' states no unit",
+        ),
+        ("time,vehicle speed,drawbar_force [kN]", "8,20", "states no unit: call it"),
+        ("time,ground_speed [km/h],Zugkraft", "8,20", "'Zugkraft' states no unit"),
+        ("time,ground_speed [km/h],drawbar_force", "8,20", r"drawbar_force \[kN\] or"),
+        (
+            "time,ground_speed [km/h],auxiliary_power",
+            "8,12",
+            r"auxiliary_power \[kW\] or",
+        ),
+    ],
+)
+def test_units_that_a_cycle_leaves_open(tmp_path, header, row, complaint):
+    with pytest.raises(InputError, match=complaint):
+        cycle(tmp_path / "c.csv", header, row)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Zeit [s],Abtriebsdrehzahl [1/min],Abtriebsleistung [kW],Zapfwellenleistung [kW]",
+        "t [s],n_output [rpm],P_out [kW],P_pto [kW]",
+        "elapsed time [s],output speed [rpm],Output Power (kW),PTO (kW)",
+    ],
+)
+def test_names_of_cycles_in_other_words(tmp_path, header):
+    read = cycle(tmp_path / "c.csv", header, "600,20,30")
+    assert read.output_speed[0] == pytest.approx(20.0 * np.pi)
+    assert read.output_power[0] == 20e3
+    assert read.pto_power[0] == 30e3
+    assert read.remarks == ()
+
+
+def test_the_speed_of_a_pto_whose_power_is_there_is_put_aside(tmp_path):
+    header = (
+        "time,ground_speed [km/h],drawbar_force [kN],pto_power [kW],PTO speed [rpm]"
+    )
+    read = cycle(tmp_path / "c.csv", header, "8,20,30,540")
+    assert read.remarks == ("columns not used: PTO speed [rpm]",)
+
+
+def test_the_torque_of_a_cycle_gives_its_power(tmp_path):
+    header = "time,output_speed [rpm],output_torque [Nm]"
+    read = cycle(tmp_path / "c.csv", header, "600,500")
+    assert read.output_power[0] == pytest.approx(20.0 * np.pi * 500.0)
 
 
 def engine_map(path, worst=230.0):

@@ -3,6 +3,9 @@
 
 import pytest
 
+from hmcvt_core import read_bench
+from studies.gearbox import box
+
 from .running import HM4, ROOT, assert_refused, process
 
 PAIRS = {"2": 0.969, "3": 1.484, "4": 0.678, "5": 1.96, "6": 0.982, "11": 0.823}
@@ -119,3 +122,96 @@ def test_an_assumed_displacement_is_stated(hmcvt, tmp_path):
     done = hmcvt(*arguments(path), *stated, "--stage", STAGE)
     assert "is assumed for" not in done.out
     assert "motor_displacement_cm3_per_rev: 80.5\n" in path.read_text()
+
+
+TEETH = [
+    *("--gear-pair", "A=36/45", "--gear-pair", "P=31/40", "--gear-pair", "M=52/26"),
+    *("--gear-pair", "O=70/28", "--gear-pair", "R=44/30", "--planetary-row", "k=96/36"),
+    *("--stage", "F1 row=k mechanical=A:ring pump=P motor=M:sun output=O:carrier"),
+    *("--stage", "F2 row=k mechanical=A:ring pump=P motor=M:sun output=direct:carrier"),
+    *(
+        "--stage",
+        "R row=k reverse=yes mechanical=-R:ring pump=P motor=M:sun output=O:carrier",
+    ),
+    *("--clutch", "C1 between=carrier/O,output closed=F1,R"),
+    *("--clutch", "C2 between=carrier,output closed=F2"),
+]
+
+
+def test_new_file_from_teeth_with_clutches(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    made = hmcvt("transmission", "new", path, *TEETH)
+    assert made.code == 0, made.err
+    assert "A: 45 teeth drive 36, the driven shaft turns 1.25 times as fast" in made.out
+    text = path.read_text(encoding="utf-8")
+    assert "A: 36/45" in text and "k: 96/36" in text and "gear_pairs: []" in text
+    checked = hmcvt("transmission", "check", path, "--picture", tmp_path / "p.svg")
+    assert checked.code == 0, checked.err
+    ratio = 45 / 36 * (96 / 132) * 28 / 70
+    assert f"{ratio:.4f}" in checked.out
+
+
+def test_teeth_and_clutches_that_make_no_sense_leave_no_file(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--gear-pair", "B=36/4"),
+        "4 is no count of teeth; allowed 5 to 1000",
+    )
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--gear-pair", "direct=1"),
+        "'direct' stands for no pair",
+    )
+    wrong = "C3 between=carrier,output closed=F1"
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--clutch", wrong),
+        "clutches.C3.closed = F1",
+    )
+    assert_refused(
+        hmcvt("transmission", "new", path, *TEETH, "--clutch", "C3 between=ring"),
+        "between=SIDE,SIDE",
+    )
+    assert not path.exists()
+
+
+def reverse_bench(hmcvt, tmp_path):
+    """A bench of the five-stage box without a sense of speed, and its gears."""
+    gears = tmp_path / "gears.yaml"
+    assert hmcvt("transmission", "new", gears, *box.DESCRIPTION).code == 0
+    lines = [
+        "displacement_ratio,engine_speed,load_torque,efficiency,output_speed,stage"
+    ]
+    for stage, stroke, speed, torque, oil in box.plan(12):
+        state = box.steady(box.Machine(), stage, stroke, speed, torque, oil)
+        power = torque * abs(state.output_speed)
+        efficiency = power / (state.engine_torque * speed)
+        row = (stroke, speed, power / speed, efficiency, abs(state.output_speed), stage)
+        lines.append(",".join(map(str, row)))
+    bench = tmp_path / "bench.csv"
+    bench.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return bench, gears
+
+
+def test_signs_of_a_bench_without_a_sense_are_corrected(hmcvt, tmp_path):
+    bench, gears = reverse_bench(hmcvt, tmp_path)
+    identified = hmcvt("identify", bench, "--transmission", gears)
+    assert "output_speed in stage R turns against the gear train" in identified.out
+    corrected = tmp_path / "corrected.csv"
+    done = hmcvt(
+        *("transmission", "signs", bench, "--transmission", gears, "--out", corrected),
+        "--json",
+    )
+    signs = {item["stage"]: item["output_speed"] for item in done.json["stages"]}
+    assert signs.pop("R") == "wrong" and set(signs.values()) == {"right"}
+    assert read_bench(corrected).output_speed.min() < -5.0
+    model = tmp_path / "model.yaml"
+    again = hmcvt("identify", corrected, "--transmission", gears, "--out", model)
+    assert again.code == 0 and "against the gear train" not in again.out + again.err
+    forward = ("optimum", "--params", model, "--stage", "R", "--output-power", "15kW")
+    assert_refused(
+        hmcvt(*forward, "--output-speed", "10"),
+        "backward, in stage R, --output-speed is negative",
+    )
+    backward = hmcvt(*forward, "--output-speed", "-10", "--json")
+    assert backward.json["stage"] == "R"
+    # By the gear train alone the box drives backward at this stroke.
+    assert box.speed_ratio("R", backward.json["displacement_ratio"]) < -0.05

@@ -9,14 +9,14 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
-from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
 from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
 from hmcvt_core.physics.effects.mechanical import FanDrive
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 
-from .campaigns import BASE, NOISE, campaign, random_points
+from .campaigns import BASE, NOISE, campaign, measure, random_points
 
 POINTS = random_points(11, 60, temperature=True)
 OVERRUN = POINTS._replace(load_torque=-0.3 * POINTS.load_torque)
@@ -85,6 +85,28 @@ def test_a_fan_comes_on_over_its_band():
         oil_temperature=np.array([59.0, 70.0, 85.0, 85.0]),
     )
     np.testing.assert_allclose(fan.engine_drag(state), [0.0, 4.0, 8.0, 32.0])
+
+
+SHARP = {
+    ReliefValve: ("leak", {"leak": 5e-11, "cracking": 9.0}, 0.5, 3.0),
+    InletStarvation: ("deficit", {"deficit": 0.3, "full_speed": 170.0}, 5.0, 60.0),
+    ClutchSlip: ("slip", {"slip": 8.0, "holding": 120.0, "exponent": 1.0}, 0.1, 0.9),
+    FanDrive: ("torque", {"torque": 8.0, "start": 55.0, "band": 7.0}, 0.02, 0.6),
+}
+
+
+@pytest.mark.parametrize("kind", SHARP, ids=lambda kind: kind.__name__)
+def test_a_refit_finds_a_smooth_onset(kind):
+    size, values, sharp, smooth = SHARP[kind]
+    truth = kind(**values, width=smooth)
+    points = random_points(3, 96, temperature=True)
+    samples = measure(points, (truth,), noise=1e-3, speed_noise=1e-4)
+    observed = observe(samples, 1e-3)
+    start = replace(truth, width=sharp, **{size: 0.0})
+    fixed = refit(Hypothesis(Transmission(BASE), (start,)), observed)
+    free = with_free_shapes(fixed)
+    (found,) = free.effects
+    assert found.width > np.sqrt(sharp * smooth)
 
 
 @pytest.mark.parametrize("points", [POINTS, OVERRUN], ids=["pull", "overrun"])

@@ -1,13 +1,16 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The registry of quantities: every entry is complete, and everything follows from it."""
 
+import ast
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import CHANNELS, Transmission, observe
+from hmcvt_core.files import bench
 from hmcvt_core.physics.readings import READINGS
 from hmcvt_core.transmission.quantities import PREDICTED, QUANTITIES, STORED
 from hmcvt_tools.tables.raw import UNITS, choose_columns, import_table
@@ -53,6 +56,26 @@ def test_names_are_those_of_the_columns_and_of_the_fields():
     names = [quantity.name for quantity in STORED]
     assert len(set(names)) == len(names)
     assert [field.name for field in fields(hmcvt.BenchSamples)][: len(names)] == names
+
+
+def test_type_checkers_see_every_column():
+    """The fields are made at run time; files/bench.py declares them under TYPE_CHECKING."""
+    text = Path(bench.__file__).read_text(encoding="utf-8")
+    classes = {
+        node.name: node
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.ClassDef)
+    }
+    declared = {
+        line.target.id: (ast.unparse(line.annotation), line.value is None)
+        for line in classes["_Columns"].body
+        if isinstance(line, ast.AnnAssign)
+    }
+    expected = {
+        quantity.name: ("Array", True) if quantity.required else ("Array | None", False)
+        for quantity in STORED
+    }
+    assert list(declared.items()) == list(expected.items())
 
 
 def test_every_column_is_read_from_the_csv_that_is_written(tmp_path):

@@ -252,3 +252,131 @@ def test_two_buses_are_asked_and_chosen(tmp_path, messages, dbc):
     samples = imported(path, "--dbc", dbc, "--group", "can0")
     reference = log_samples(tmp_path, messages, dbc)
     np.testing.assert_array_equal(samples.efficiency, reference.efficiency)
+
+
+def asc_text(messages, zero):
+    """Frames as CANoe writes them, whose times count from a trigger."""
+    lines = ["date Mon Mar 2 08:00:00.000 2026\n", "base hex  timestamps absolute\n"]
+    first = messages[0].timestamp
+    for message in messages:
+        data = " ".join(f"{byte:02X}" for byte in message.data)
+        stamp = message.timestamp - first - zero
+        lines.append(f"   {stamp:.6f} 1  {message.arbitration_id:X}x Rx d 8 {data}\n")
+    return "".join(lines)
+
+
+def test_frames_before_the_trigger_of_an_asc_file(tmp_path, messages, dbc):
+    path = tmp_path / "trigger.asc"
+    path.write_text(asc_text(messages, 12.5))
+    done = run("import", path, "--dbc", dbc, "--out", tmp_path / "o.csv", "--yes")
+    assert "stamps begin below zero: times count from -13 s" in done.out
+    samples = hmcvt.read_bench(tmp_path / "o.csv")
+    reference = log_samples(tmp_path, messages, dbc)
+    np.testing.assert_allclose(samples.efficiency, reference.efficiency, rtol=1e-6)
+
+
+def test_stamps_of_mdf_below_zero(tmp_path, recorded, expected):
+    time, columns = recorded
+    path = tmp_path / "trigger.mf4"
+    recordings.write_mdf(path, time - 3600.0, columns, UNITS)
+    samples = imported(path)
+    np.testing.assert_allclose(samples.efficiency, expected, rtol=1e-6)
+    assert samples.stamp.min() >= 0.0
+
+
+@pytest.mark.parametrize("error", [8e9, -8e9])
+def test_one_wrong_stamp_costs_one_reading(tmp_path, recorded, expected, error):
+    time, columns = recorded
+    wrong = time.copy()
+    wrong[len(time) // 3] += error
+    path = tmp_path / "wrong.mf4"
+    recordings.write_mdf(path, wrong, columns, UNITS)
+    samples = imported(path)
+    np.testing.assert_allclose(samples.efficiency, expected, rtol=1e-4)
+    assert samples.stamp.max() < 1e4
+
+
+def steps_of(stroke):
+    """Rows at which a stroke changes."""
+    return np.flatnonzero(np.append(True, np.diff(stroke) != 0.0))
+
+
+TESTS = 4
+LONG = 40.0
+
+
+@pytest.fixture(scope="module")
+def long_tests():
+    """Four tests of 40 s, with one efficiency each, and a stroke that is sent on change."""
+    time = np.arange(0.0, TESTS * LONG, 0.1)
+    test = (time // LONG).astype(int)
+    noise = 1.0 + 3e-4 * np.random.default_rng(3).standard_normal((4, len(time)))
+    stroke = np.array([20.0, -60.0, 80.0, 50.0])[test]
+    speed = np.array([1200.0, 1500.0, 1800.0, 1400.0])[test]
+    torque = np.array([300.0, 350.0, 250.0, 400.0])[test]
+    ratio = 1.0 + 0.005 * stroke
+    columns = {
+        "EngineSpeed": speed * noise[0],
+        "EngineTorque": torque * noise[1],
+        "OutputSpeed": ratio * speed * noise[2],
+        "OutputTorque": 0.8 * torque / ratio * noise[3],
+        "PumpStroke": stroke,
+    }
+    return time, columns
+
+
+def require_long_tests(samples):
+    assert len(samples) == TESTS
+    np.testing.assert_allclose(
+        samples.displacement_ratio, [0.2, -0.6, 0.8, 0.5], atol=1e-9
+    )
+    np.testing.assert_allclose(samples.efficiency, 0.8, rtol=1e-3)
+
+
+def test_a_set_point_in_a_group_of_its_own_holds(tmp_path, long_tests):
+    import asammdf
+
+    time, columns = long_tests
+    changes = steps_of(columns["PumpStroke"])
+    mdf = asammdf.MDF(version="4.10")
+    fast = []
+    for name, values in columns.items():
+        if name != "PumpStroke":
+            fast.append(asammdf.Signal(values, time, name=name, unit=UNITS[name]))
+    mdf.append(fast)
+    stroke = columns["PumpStroke"][changes]
+    mdf.append(asammdf.Signal(stroke, time[changes], name="PumpStroke", unit="%"))
+    path = tmp_path / "change.mf4"
+    mdf.save(path)
+    mdf.close()
+    require_long_tests(imported(path))
+
+
+def write_table(path, time, columns, changes):
+    """Write a table in which the stroke stands only where it changes."""
+    lines = ["time [s];" + ";".join(f"{name} [{UNITS[name]}]" for name in columns)]
+    for row, now in enumerate(time):
+        cells = [f"{values[row]:.6g}" for values in columns.values()]
+        if row not in changes:
+            cells[-1] = ""
+        lines.append(";".join([f"{now:.1f}", *cells]))
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_a_set_point_of_a_table_holds(tmp_path, long_tests):
+    time, columns = long_tests
+    path = tmp_path / "change.csv"
+    write_table(path, time, columns, steps_of(columns["PumpStroke"]))
+    out = tmp_path / "samples.csv"
+    run("import", path, "--out", out, "--yes")
+    require_long_tests(hmcvt.read_bench(out))
+
+
+def test_a_set_point_says_nothing_of_the_time_before_it(tmp_path, long_tests):
+    time, columns = long_tests
+    path = tmp_path / "late.csv"
+    write_table(path, time, columns, steps_of(columns["PumpStroke"])[1:])
+    out = tmp_path / "samples.csv"
+    run("import", path, "--out", out, "--yes")
+    samples = hmcvt.read_bench(out)
+    np.testing.assert_allclose(samples.displacement_ratio, [-0.6, 0.8, 0.5], atol=1e-9)

@@ -46,7 +46,7 @@ def test_gaps_and_empty_cells_are_left_out_and_named(tmp_path):
     text = "time,output_speed,output_power\n" + "\n".join(rows)
     read = read_cycle(written(tmp_path, text))
     assert read.known.sum() == 7 and len(read) == 23
-    assert read.remarks == ("4 s to 20 s: no rows; left out",)
+    assert read.remarks[0] == "4 s to 20 s: no rows; left out"
     read = cycle(tmp_path, "output_speed,output_power", (60, 2e4), ("", 2e4), (60, 2e4))
     assert read.known.tolist() == [True, False, True]
     assert "1 steps miss a value, first at 1 s" in read.remarks[0]
@@ -111,8 +111,8 @@ def test_shipped_cycles_are_complete(name):
 
 def test_vehicle_files_are_checked(tmp_path):
     path = tmp_path / "v.yaml"
-    path.write_text("schema: hmcvt-vehicle/1\nmass: {value: 7.5, unit: t}\n")
-    with pytest.raises(hmcvt.InputError, match=r"mass\.unit = 't'; needs 'kg'"):
+    path.write_text("schema: hmcvt-vehicle/1\nmass: {value: 7.5, unit: N}\n")
+    with pytest.raises(hmcvt.InputError, match=r"mass\.unit = 'N'; needs 'kg'"):
         load_vehicle(path)
     path.write_text("schema: hmcvt-vehicle/1\nlimits: {gear: 1}\n")
     with pytest.raises(hmcvt.InputError, match=r"limits\.gear"):
@@ -120,3 +120,17 @@ def test_vehicle_files_are_checked(tmp_path):
     path.write_text("schema: hmcvt-vehicle/1\nmass: 6000\n")
     assert load_vehicle(path) == Vehicle(mass=6000.0)
     assert load_vehicle(hmcvt.data_path("params/vehicle.yaml")) == Vehicle()
+
+
+def test_other_units_of_a_vehicle_file(tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text(
+        "schema: hmcvt-vehicle/1\nmass: {value: 7.5, unit: t}\n"
+        "tyre_radius: {value: 850, unit: mm}\nslip: {value: 8, unit: '%'}\n"
+        "pto_speed_low: {value: 1850, unit: rpm}\n"
+    )
+    read = load_vehicle(path)
+    assert read.mass == 7500.0
+    assert read.tyre_radius == pytest.approx(0.85)
+    assert read.slip == pytest.approx(0.08)
+    assert read.pto_speed_low == pytest.approx(1850.0 * np.pi / 30.0)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from studies.recordings.__main__ import judge
-from studies.recordings.truth import random_recording
+from studies.recordings.files import random_recording
 
 for package in ("asammdf", "nptdms", "can", "cantools"):
     pytest.importorskip(package)

@@ -71,6 +71,31 @@ def test_a_zero_of_the_meter_is_no_wear():
     assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
 
 
+def with_drain_and_power(unit, further=0.0, zero=0.0, efficiency=0.90):
+    """Add the flow of the drain, with the zero of its meter [m3/s], and the electric power."""
+    rng = np.random.default_rng(len(unit))
+    drain = 0.9 * (1.0 + further) * LEAKAGE * unit.pressure
+    drain = drain * (1.0 + 0.005 * rng.standard_normal(len(unit)))
+    shaft = (unit.displacement * unit.pressure + unit.torque_loss) * unit.speed
+    power = 300.0 + shaft / efficiency * (1.0 + 0.003 * rng.standard_normal(len(unit)))
+    return replace(unit, drain_flow=drain + zero, electric_power=power)
+
+
+def test_a_drain_meter_or_a_motor_that_differs_today_is_no_wear():
+    sound = with_drain_and_power(pump(2, rubbing=4.0))
+    later = with_drain_and_power(pump(4, rubbing=4.0), zero=1e-6, efficiency=0.895)
+    assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
+
+
+def test_channels_that_are_added_do_not_hide_a_leak():
+    sound = with_drain_and_power(pump(2, rubbing=4.0))
+    leaking = pump(4, further=1.0, rubbing=4.0)
+    leaking = with_drain_and_power(leaking, further=1.0, zero=1e-6, efficiency=0.895)
+    diagnosis = diagnose_unit(leaking, baseline=sound).diagnosis
+    assert diagnosis.verdict in NAMING
+    assert diagnosis.sets[0].effects == ("laminar_leakage",)
+
+
 def test_same_seed_same_answer():
     answers = [
         diagnose_unit(pump(3, further=2.0), baseline=pump(2), seed=5).to_dict()

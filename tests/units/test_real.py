@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Real pumps and motors, where HMCVT_REAL_UNITS names their folder (docs/units.md)."""
+"""Real pumps and motors, where HMCVT_REAL_UNITS names their folder (docs/studies/units.md)."""
 
 import os
 from pathlib import Path

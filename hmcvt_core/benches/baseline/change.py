@@ -290,8 +290,9 @@ def different_curves(
 ) -> dict[str, tuple[Any, ...]]:
     """Return the effects whose curves can be distinguished on some tests.
 
-    Two curves are one where they differ by less than the noise hides, or by less than the forms of
-    effects are exact.
+    Two curves are one where they differ by less than the noise hides, or in no channel by more than
+    the forms of effects are exact. A form error is one factor for all channels, so that a channel
+    in which only one of them shows tells them apart.
 
     Args:
         machine: held; the order of its library decides which effect stands for others.
@@ -316,12 +317,12 @@ def different_curves(
         if effect.name in curves:
             of_forms = np.concatenate([curves[effect.name], of_forms])
         curves[effect.name] = of_forms
-    allowed = _allowed_difference(base, curves)
+    visible = _visible_difference(base, curves)
     kept: dict[str, list[Any]] = {}
     for name, effect in classes.items():
         twin = name
         for other in kept:
-            if _is_same(curves[name], curves[other], allowed):
+            if _is_same(base, curves[name], curves[other], visible):
                 twin = other
                 break
         kept.setdefault(twin, []).append(effect)
@@ -342,8 +343,8 @@ def _visible_curves(base: Fit, effect: Any) -> Array:
     return np.array(curves)
 
 
-def _allowed_difference(base: Fit, curves: Mapping[str, Array]) -> float:
-    """Return 1 - squared cosine up to which two curves are one.
+def _visible_difference(base: Fit, curves: Mapping[str, Array]) -> float:
+    """Return the smallest squared difference of two curves that the noise does not hide.
 
     Args:
         base: the refit without a change.
@@ -353,10 +354,40 @@ def _allowed_difference(base: Fit, curves: Mapping[str, Array]) -> float:
     largest = VISIBLE_DIFFERENCE / MAX_DIFFERENCE
     for of_forms in curves.values():
         largest = max(largest, float(np.max((of_forms @ residuals) ** 2)))
-    return max(VISIBLE_DIFFERENCE / largest, FORM_ALLOWANCE**2)
+    return VISIBLE_DIFFERENCE / largest
 
 
-def _is_same(curves: Array, others: Array, allowed: float) -> bool:
-    """Return whether every form of one effect is the curve of a form of another."""
-    cosines = np.abs(curves @ others.T).max(axis=1)
-    return bool(np.all(1.0 - cosines**2 < allowed))
+def _is_same(base: Fit, curves: Array, others: Array, visible: float) -> bool:
+    """Return whether every form of one effect is the curve of a form of another.
+
+    Args:
+        base: the refit without a change.
+        curves: unit vectors of the forms of one effect, shape (forms, m).
+        others: the same of the other effect.
+        visible: smallest squared difference that counts.
+    """
+    cosines = curves @ others.T
+    for curve, row in zip(curves, cosines, strict=True):
+        nearest = int(np.abs(row).argmax())
+        difference = curve - row[nearest] * others[nearest]
+        if _beyond_form_errors(base, curve, difference) >= visible:
+            return False
+    return True
+
+
+def _beyond_form_errors(base: Fit, curve: Array, difference: Array) -> float:
+    """Return the squared difference in the channels in which it is more than a form error.
+
+    Args:
+        base: the refit without a change.
+        curve: rows of `Fit.project_out`, shape (m,).
+        difference: from another curve, the same rows.
+    """
+    observed = base.observed
+    count = len(observed.channels) * len(observed)
+    of_curve = curve[:count].reshape(len(observed.channels), -1)
+    of_difference = difference[:count].reshape(of_curve.shape)
+    spreads = [max(FORM_ALLOWANCE, item.change_spread) for item in observed.channels]
+    squares = np.sum(of_difference**2, axis=1)
+    allowed = np.square(spreads) * np.sum(of_curve**2, axis=1)
+    return float(np.sum(squares[squares > allowed]))

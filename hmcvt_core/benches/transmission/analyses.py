@@ -4,6 +4,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ...files.bench import BenchSamples, read_columns
 from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
 from ...model.plausibility import gear_train_remarks, pressure_remark
+from ...model.signs import require_signs
 from ...model.staged_samples import stage_of_each
 from .base import scaled_base
 from .change import diagnose_change
@@ -73,6 +75,7 @@ def diagnose(
     warnings = _warnings(model, samples)
     if baseline is not None:
         require_samples(baseline, "baseline")
+        require_signs(model, baseline)
         return diagnose_change(
             model,
             samples,
@@ -157,7 +160,12 @@ def _planned_points(
 
 
 def _warnings(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
-    """Say why the readings may be of another machine; errors as of `stage_of_each`."""
+    """Say why the readings may be of another machine.
+
+    Raises:
+        InputError: a reading has the wrong sign in a whole stage, or as of `stage_of_each`.
+    """
+    require_signs(model, samples)
     remarks = gear_train_remarks(model, samples)
     pressure = pressure_remark(model, samples)
     if pressure:
@@ -229,7 +237,9 @@ def read_plan(
             f"cannot be carried there; {_largest_load(model, plan, row):.4g} N m can"
         )
     wanted = {"efficiency", *channels, *known}
-    readings = {name: row for name, row in expected.items() if name in wanted}
+    readings: dict[str, Any] = {
+        name: row for name, row in expected.items() if name in wanted
+    }
     return replace(plan, **readings)
 
 

@@ -5,7 +5,7 @@ Refits work in scaled variables: the hydraulic parameters as the identification 
 others in units of their tolerance.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from ...transmission.parameters import (
     from_scaled,
     to_scaled,
 )
-from ...transmission.quantities import PREDICTED
+from ...transmission.quantities import PREDICTED, Quantity
 
 GEAR_LOSS_TOLERANCE = 0.0006
 """Standard deviation of the further power fraction lost in each gear pair [-].
@@ -61,12 +61,19 @@ class GaugeError(NamedTuple):
         return np.ones_like(reading) if self.is_zero else reading
 
 
-def gauge_errors(channels: Collection[str]) -> list[GaugeError]:
-    """Return the errors of what reads channels, in the order of the registry."""
+def gauge_errors(
+    names: Collection[str], quantities: Sequence[Quantity] = PREDICTED
+) -> list[GaugeError]:
+    """Return the errors of what reads some quantities, in the order of the registry.
+
+    Args:
+        names: of the quantities that are read.
+        quantities: to choose from.
+    """
     errors = []
-    for quantity in PREDICTED:
+    for quantity in quantities:
         gauge = quantity.gauge
-        if gauge is None or quantity.name not in channels:
+        if gauge is None or quantity.name not in names:
             continue
         for kind, deviation in (("gain", gauge.gain), ("zero", gauge.zero)):
             if deviation:

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-r"""Errors of torque meters and gauges that the readings of a session share.
+r"""Errors of torque meters, gauges and the stroke sensor that the readings of a session share.
 
 A bench is run in sessions. Within one the torque meters keep their zero and their gain, drift
 slowly, and read higher on the way down than on the way up. The efficiency is computed from both
@@ -12,8 +12,10 @@ measured load therefore seems to be off by
           + \left(\frac{\eta}{L} - \frac{\partial\eta}{\partial L}\right)\delta L + \eta\, g,
           \qquad \Delta f = -\frac{\partial f}{\partial L}\,\delta L
 
-so a zero weighs most at light load. Each error is one column with a normal prior; the refit and
-the evidence treat it like any other parameter.
+so a zero weighs most at light load. The sensor of the stroke :math:`e` has a zero and a gain too; a
+channel that is predicted at the measured stroke then seems to be off by
+:math:`-\frac{\partial f}{\partial e} (z_e + g_e e)`. Each error is one column with a normal prior;
+the refit and the evidence treat it like any other parameter.
 """
 
 from collections.abc import Mapping
@@ -23,12 +25,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...diagnosis.fitting.hypothesis import Hypothesis
+from ...diagnosis.fitting.refit import refit
 from ...diagnosis.observations import SESSION, Observations, SharedError
 from ...diagnosis.settings import TIE_TOLERANCE
 from ...diagnosis.system import Array, System
 from ...files.bench import BenchSamples
+from ...transmission.quantities import STORED
 from .base import GaugeError, gauge_errors
-from .channels import ENGINE_SPEED, LOAD_TORQUE, by_name
+from .channels import DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, by_name
 
 RANGE_MARGIN = 1.5
 """Range of a torque meter, in the largest torque of the campaign.
@@ -58,6 +63,8 @@ MIN_SESSION_SAMPLES = 3
 """Samples from which a session has errors of its own; fewer cannot tell them from noise."""
 LOAD_STEP = 1e-3
 """Step of the derivative by the load, as a part of it."""
+STROKE_STEP = 1e-4
+"""Step of the derivative by the stroke [-]."""
 MAX_SESSIONS = 12
 """Sessions with errors of their own; further ones share those of the last. Limit of time."""
 
@@ -158,17 +165,40 @@ def _scaled_time(time: Array) -> Array:
 
 
 def with_meter_errors(observed: Observations, system: System) -> Observations:
-    """Return observations whose readings share the errors of the torque meters.
+    """Return observations whose readings share the errors of the meters.
+
+    What an error changes depends on the base parameters: by a tenth, where the leakage differs as
+    much as it does between machines. They are fitted first.
 
     Args:
         observed: of bench samples.
         system: the transmission; its prediction says what a wrong load does to each channel.
     """
+    before_any_fit = _with_errors_at(observed, system, system.base.mean)
+    return _with_errors_at(observed, system, _fitted_base(before_any_fit, system))
+
+
+def _fitted_base(observed: Observations, system: System) -> Array:
+    """Return the scaled base parameters fitted to readings, shape (p,); few are no fit."""
+    mean = system.base.mean
+    predicted = system.predict(mean, (), observed.points)
+    answered = np.flatnonzero(np.isfinite(predicted).all(axis=0))
+    if len(answered) <= len(mean):
+        return mean
+    hypothesis = Hypothesis(system, shared_count=observed.shared_count)
+    return refit(hypothesis, observed.select(answered)).base
+
+
+def _with_errors_at(
+    observed: Observations, system: System, base: Array
+) -> Observations:
+    """Return observations with the errors of the meters, as they act at base parameters, (p,)."""
     sessions = sessions_of(observed.samples)
-    slopes = _slopes_by_load(observed, system)
-    readings, speed_ratio = _without_noise(observed, system)
+    slopes = _slopes_by_load(observed, system, base)
+    readings, speed_ratio = _without_noise(observed, system, base)
     meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
     gauges = _changes_by_gauges(observed, readings)
+    gauges += _changes_by_stroke_sensor(observed, system, base)
     errors = []
     columns = []
     number = np.full(len(observed), -1.0)
@@ -230,14 +260,14 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
 
 
 def _without_noise(
-    observed: Observations, system: System
+    observed: Observations, system: System, base: Array
 ) -> tuple[dict[str, Array], Array]:
     """Return readings by channel, and output speed / engine speed, as the base model predicts them.
 
     Columns made of readings would hold their noise, and a large zero would then explain noise.
     Where the model has no answer, a reading is that measured and the ratio is 1.
     """
-    predicted = by_name(system.predict(system.base.mean, (), observed.points))
+    predicted = by_name(system.predict(base, (), observed.points))
     readings = {}
     for channel, measured in zip(observed.channels, observed.measured, strict=True):
         answer = predicted[channel.name]
@@ -271,6 +301,27 @@ def _changes_by_gauges(
     return changes
 
 
+def _changes_by_stroke_sensor(
+    observed: Observations, system: System, base: Array
+) -> list[tuple[GaugeError, Array]]:
+    """Return the errors of the stroke sensor, and the change of every channel by each of 1.
+
+    A reading at the true stroke e is compared with the prediction at the measured one, e + error.
+
+    Returns:
+        Changes by an error of 1, shape (channels, n) each; zero where a step has no answer.
+    """
+    name = DISPLACEMENT_RATIO.name
+    stroke = observed.points[name]
+    # Towards zero, so that full stroke stays full stroke.
+    step = np.where(stroke > 0.0, -STROKE_STEP, STROKE_STEP)
+    slopes = _finite(_slopes(observed, system, base, name, step))
+    changes = []
+    for error in gauge_errors([name], STORED):
+        changes.append((error, -slopes * error.change_at(stroke)))
+    return changes
+
+
 def _meters(
     observed: Observations, efficiency: Array, speed_ratio: Array, slopes: Array
 ) -> tuple[_Meter, _Meter]:
@@ -299,14 +350,29 @@ def _meters(
     )
 
 
-def _slopes_by_load(observed: Observations, system: System) -> Array:
+def _slopes_by_load(observed: Observations, system: System, base: Array) -> Array:
     """Return the derivatives of the predicted readings by the load, shape (channels, n)."""
     load = observed.points[LOAD_TORQUE.name]
     step = np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance)
+    return _slopes(observed, system, base, LOAD_TORQUE.name, step)
+
+
+def _slopes(
+    observed: Observations, system: System, base: Array, axis: str, step: Array
+) -> Array:
+    """Return the derivatives of the predicted readings along an axis, shape (channels, n).
+
+    Args:
+        observed: the readings.
+        system: the transmission.
+        base: scaled base parameters, shape (p,).
+        axis: name of the axis.
+        step: of the difference, in the unit of the axis, shape (n,).
+    """
     rows = [system.channels.index(channel) for channel in observed.channels]
-    moved = {**observed.points, LOAD_TORQUE.name: load + step}
-    before = system.predict(system.base.mean, (), observed.points)[rows]
-    after = system.predict(system.base.mean, (), moved)[rows]
+    moved = {**observed.points, axis: observed.points[axis] + step}
+    before = system.predict(base, (), observed.points)[rows]
+    after = system.predict(base, (), moved)[rows]
     return np.asarray((after - before) / step)
 
 

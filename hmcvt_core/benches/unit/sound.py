@@ -97,6 +97,12 @@ METER_ZERO = 0.0005
 
 Makers of flow and torque meters state 0.05 to 0.1 % of full scale.
 """
+DRAIN_ZERO = 0.01
+"""Standard deviation of the zero of a drain flow between two campaigns, as a part of the largest.
+
+The meter is chosen for a worn unit: its full scale, of which makers state 0.1 %, is some ten times
+what a sound unit drains; assumed.
+"""
 POWER_GAIN = 0.005
 """Standard deviation of the gain of an electric power between two campaigns [-].
 
@@ -229,7 +235,7 @@ class SoundUnit:
     def within_temperatures(self, points: Points) -> Points:
         """Return points with oil temperatures limited to those of the baseline.
 
-        What warmer oil changes is a candidate of its own.
+        What warmer oil changes is a separate candidate.
         """
         warm = self.samples.oil_temperature
         if warm is None or self.extrapolates or OIL_TEMPERATURE.name not in points:
@@ -288,16 +294,19 @@ class SoundUnit:
         for i, channel in enumerate(self.channels):
             reading = sound[i]
             gain = METER_GAIN / CLASS_TO_DRIFT
+            zero = METER_ZERO / CLASS_TO_DRIFT
             if channel.name == "flow_loss":
                 reading = sound[i] - sign * ideal_flow
             elif channel.name == "torque_loss":
                 reading = sound[i] + sign * ideal_torque
             elif channel.name == "electric_power":
-                gain = POWER_GAIN / CLASS_TO_DRIFT
+                gain = POWER_GAIN
+            elif channel.name == "drain_flow":
+                zero = DRAIN_ZERO
             largest = np.abs(self.samples.meter_reading(channel.name)).max()
             for word, change in (
                 ("gain", gain * reading),
-                ("zero", np.full_like(speed, METER_ZERO * largest / CLASS_TO_DRIFT)),
+                ("zero", np.full_like(speed, zero * largest)),
             ):
                 names.append(f"{channel.name}_{word}")
                 row = np.zeros_like(sound)
@@ -453,7 +462,7 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
         samples: with the columns that are compared.
     """
     points = points_of(samples)
-    # The viscosity is known along the oil temperature, so forms do not bend along it.
+    # The viscosity is known along the oil temperature, so forms have no error along it.
     axes = [SPEED, PRESSURE]
     if np.ptp(samples.displacement_ratio) > STROKE.tolerance:
         axes.insert(0, STROKE)
@@ -537,7 +546,7 @@ def _stacked(points: Points) -> Array:
 def _min_widths(points: Points) -> Array:
     """Return the least range by which each axis is scaled, shape (axes,).
 
-    A remainder does not bend within a small part of the working range, however little of it the
+    A remainder does not change within a small part of the working range, however little of it the
     baseline covers.
     """
     widths = []

@@ -158,8 +158,9 @@ def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> C
         sizes: prior standard deviations of the sizes, in typical sizes.
 
     Returns:
-        Columns of the refit, of the base discrepancy, and of the form discrepancy of each effect
-        and of the base parameters that an effect lets vary.
+        Columns of the refit, of the base discrepancy, of the form discrepancy of each effect
+        and of the base parameters that an effect lets vary, and of channels that show an unknown
+        part of a change.
     """
     ungrouped = np.full(len(fit.theta), -1)
     columns = Columns(fit.jacobian, fit.hypothesis.spread(sizes), ungrouped)
@@ -179,6 +180,19 @@ def allowed_columns(fit: Fit, campaign: Observations, sizes: Array | float) -> C
     for i in _continuous_shapes(fit):
         signature = fit.jacobian[..., [i]] * fit.theta[i]
         columns = columns.with_further(Columns(signature * bends, spread, family - 1))
+    return _with_parts_of_changes(columns, fit)
+
+
+def _with_parts_of_changes(columns: Columns, fit: Fit) -> Columns:
+    """Return columns extended by those of channels that show an unknown part of each effect."""
+    for c, channel in enumerate(fit.observed.channels):
+        if not channel.change_spread:
+            continue
+        for i in fit.hypothesis.size_indices:
+            shown = np.zeros((*fit.target.shape, 1))
+            shown[c, :, 0] = fit.jacobian[c, :, i] * fit.theta[i]
+            spread = np.array([channel.change_spread])
+            columns = columns.with_further(Columns(shown, spread, np.array([-1])))
     return columns
 
 

@@ -98,8 +98,11 @@ def _of_effects(analysis: Analysis, effects: Names) -> Member:
     )
 
 
-def lost_power(explanation: Explanation, names: Names) -> float:
-    """Return the mean power that some effects of a set take over its samples [W]."""
+def lost_power(explanation: Explanation, names: Names) -> float | None:
+    """Return the mean power that some effects of a set take over its samples [W].
+
+    None where the system states no power.
+    """
     fit = explanation.served_fit
     points = fit.observed.points
     system = fit.hypothesis.system
@@ -107,4 +110,5 @@ def lost_power(explanation: Explanation, names: Names) -> float:
     without = system.predict(fit.base, others, points)[0]
     with_effects = system.predict(fit.base, fit.effects, points)[0]
     lost = system.lost_power(points, without, with_effects)
-    return float(np.mean(lost[np.isfinite(lost)]))
+    known = lost[np.isfinite(lost)]
+    return float(np.mean(known)) if len(known) else None

@@ -30,6 +30,7 @@ __all__ = [
     "ShaftState",
     "effect_from_mapping",
     "effect_to_mapping",
+    "import_source",
     "library",
     "load_effects",
 ]
@@ -92,16 +93,7 @@ def load_effects(source: str) -> None:
         InputError: there is none, it cannot be imported, it holds no effect, or one of them
             cannot be used (`trial`).
     """
-    try:
-        module = (
-            _import_file(Path(source).resolve())
-            if source.endswith(".py")
-            else importlib.import_module(source)
-        )
-    except Exception as error:  # whatever somebody else's module may raise
-        raise InputError(
-            f"{source}: cannot be loaded: {type(error).__name__}: {error}"
-        ) from error
+    module = import_source(source)
     found = [
         item
         for item in vars(module).values()
@@ -116,6 +108,22 @@ def load_effects(source: str) -> None:
             trial(kind)
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
+
+
+def import_source(source: str) -> Any:
+    """Import a module by its name or the path of its Python file.
+
+    Raises:
+        InputError: there is none, or it cannot be imported.
+    """
+    try:
+        if source.endswith(".py"):
+            return _import_file(Path(source).resolve())
+        return importlib.import_module(source)
+    except Exception as error:  # whatever somebody else's module may raise
+        raise InputError(
+            f"{source}: cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _import_file(path: Path) -> Any:

@@ -6,7 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from .base import PRESSURE_REFERENCE, Array, Effect, ShaftState, Value, shape, size
+from .base import (
+    PRESSURE_REFERENCE,
+    Array,
+    Effect,
+    ShaftState,
+    Value,
+    ramp,
+    shape,
+    size,
+)
 
 _ENGINE_REFERENCE = (
     150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
@@ -78,8 +87,9 @@ class Churning(BearingDrag):
 class FanDrive(Effect):
     """T = T_150 (w / 150 rad/s)^2 s, s = 0 below a temperature of the oil, 1 a band above it.
 
-    A narrow band is a switched drive, a wide one a proportional one, as of a viscous clutch. A fan
-    that always runs is `churning`. Without an oil temperature the fan is off.
+    A narrow band is a switched drive, a wide one a proportional one, as of a viscous clutch, whose
+    bimetal rounds both ends off. A fan that always runs is `churning`. Without an oil temperature
+    the fan is off.
     """
 
     name = "fan_drive"
@@ -102,11 +112,15 @@ class FanDrive(Effect):
         "deg C", (40.0, 50.0, 60.0, 70.0, 80.0, 90.0), "oil temperature of switch-on"
     )
     band: float = shape("K", (2.0, 7.0, 20.0), "rise from switch-on to fully on")
+    width: float = shape(
+        "-", (0.02,), "half width of either end of the band / band", limits=(0.02, 0.6)
+    )
 
     def engine_drag(self, state: ShaftState) -> Value:
         if state.oil_temperature is None:
             return 0.0
-        on = np.clip((state.oil_temperature - self.start) / self.band, 0.0, 1.0)
+        rise = (state.oil_temperature - self.start) / self.band
+        on = ramp(rise, self.width) - ramp(rise - 1.0, self.width)
         return self.torque * on * (state.engine_speed / _ENGINE_REFERENCE) ** 2
 
 

@@ -291,11 +291,15 @@ class _Solver:
     def _at_pressure(
         self, at: BenchConditions, pressure: FloatArray
     ) -> BenchConditions:
-        """Return conditions at another pressure, with the stroke that the plate takes there."""
-        stroke = at.command
+        """Return conditions at another pressure, with the stroke that the plate takes there.
+
+        The plate is the same in every stage, so that its errors have the sense of the bench.
+        """
+        sense = self.train.sense
+        of_plate = sense * at.command
         for effect in self.acting["true_stroke"]:
-            stroke = effect.true_stroke(stroke, pressure)
-        return replace(at, pressure=pressure, stroke=stroke)
+            of_plate = effect.true_stroke(of_plate, sense * pressure)
+        return replace(at, pressure=pressure, stroke=sense * of_plate)
 
     def _spare_flow(self, at: BenchConditions) -> FloatArray:
         """Flow that neither leaks nor turns the motor, eq. (13) [m3/s]."""
