@@ -188,7 +188,7 @@ def _contents(diagnosis: Diagnosis) -> str:
 def next_test(
     bench: str, params: str | None, noise: float | None, limits: str | None, seed: int
 ) -> Answer:
-    """Choose the next bench test, the one that tells most about the gap, or say why to stop."""
+    """Choose the next bench test, the one that reveals most about the gap, or say why to stop."""
     model = common.model_from(params)
     possible = None
     if limits is not None:

@@ -32,9 +32,6 @@ OPEN = 4
 SETTINGS = ("dbc", "reference_torque", "friction_torque", "stage_names", "group")
 """Settings of a log that a mapping file holds besides its columns."""
 
-_TABLE_ONLY = ("header_row", "names", "sheet", "decimal")
-"""Settings of a mapping file that concern tables."""
-
 options_of_logs = common.options(
     click.option(
         "--dbc",

@@ -56,7 +56,7 @@ def open_mdf(path: Path) -> Any:
 
 
 def _release(error: Exception) -> None:
-    """Let an object of asammdf that was not opened be deleted without a complaint on stderr."""
+    """Let an object of asammdf that was not opened be deleted without a message on stderr."""
     for frame, _ in traceback.walk_tb(error.__traceback__):
         half_open: Any = frame.f_locals.get("self")
         if type(half_open).__name__ != "MDF4":
