@@ -31,7 +31,7 @@ from studies.blind.conditions import draw as draw_twin
 from studies.blind.effect import Effect
 from studies.blind.trial import AXES, at_hand
 
-VERSION = 1
+VERSION = 2
 DEVELOPMENT_SEEDS = 96_100_000
 TABLE_SEEDS = 96_500_000
 POINTS = 200
