@@ -102,6 +102,7 @@ def bench_sample_from_message(
     now: float,
     tally: Tally,
     oil_temperature: float | None = None,
+    session: int | None = None,
 ) -> BenchSamples:
     """Read one bench sample.
 
@@ -110,6 +111,7 @@ def bench_sample_from_message(
         now: time of the sample when the header has none [s].
         tally: counts a stroke that is taken as the limit, as in `tolerated`.
         oil_temperature: temperature where the message states none [deg C]; None for none.
+        session: number of the session where the message states none; None for none.
 
     Raises:
         InputError: a joint or field is missing or doubled, or a value is out of range.
@@ -133,7 +135,10 @@ def bench_sample_from_message(
         if value is not None:
             columns[name] = np.array(value)
     return BenchSamples(
-        **columns, stamp=np.array(stamp), extra=_session(message), source=_SOURCE
+        **columns,
+        stamp=np.array(stamp),
+        extra=_session(message, session),
+        source=_SOURCE,
     )
 
 
@@ -150,11 +155,11 @@ def _stated(message: JointState, limits: Range, source: str) -> float | None:
     return value
 
 
-def _session(message: JointState) -> dict[str, tuple[str, ...]]:
-    """Return the session that a message states, as a column; empty without one."""
+def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str, ...]]:
+    """Return the session that a message states, else another, as a column; empty without one."""
     value = _position(message, SESSION)
     if math.isnan(value):
-        return {}
+        return {} if otherwise is None else {SESSION: (str(otherwise),)}
     if not value.is_integer():
         raise InputError(f"{_SOURCE}: {SESSION} = {value:g} is no whole number")
     return {SESSION: (f"{value:.0f}",)}

@@ -25,7 +25,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64, Float64MultiArray, Int32, String
 
 from hmcvt_core import (
     BenchSamples,
@@ -40,9 +40,9 @@ from hmcvt_core import (
 from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined
 from hmcvt_tools import load_vehicle
 
-from . import messages, parameters, qos
+from . import interfaces, messages, parameters, qos
 from .bench_log import BenchLog
-from .clocks import CLOCK_TOPIC, AgeClock, SimulatedClock, SteadyClock
+from .clocks import CLOCK_TOPIC, AgeClock, Arrival, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
 from .guard import Guard, Log
@@ -57,7 +57,7 @@ from .inputs import (
 )
 from .maps import Maps
 from .model_store import ModelStore
-from .outputs import ASSUMED_OIL, Outputs, Served, depends_on_oil
+from .outputs import ADVICE, ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
@@ -106,8 +106,9 @@ class EfficiencyNode(Node):
     """Serves one efficiency model; parameters: see `hmcvt_ros.parameters`.
 
     Inputs `engine_speed` [rad/s], `load_torque` [N m], `displacement_ratio` [-],
-    `oil_temperature` [deg C], `operating_point`, `stage`, `bench_sample`; outputs `efficiency` [-],
-    `optimal_displacement_ratio` [-], `optimal_engine_speed` [rad/s], `optimal_stage`, `advice`,
+    `oil_temperature` [deg C], `operating_point`, `stage`, `session`, `bench_sample`; outputs
+    `efficiency` [-], `optimal_displacement_ratio` [-], `optimal_engine_speed` [rad/s],
+    `optimal_stage`, `advice`,
     `~/model`, `~/efficiency_map`,
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
@@ -204,6 +205,7 @@ class EfficiencyNode(Node):
         if self._settings.vehicle_file:
             self._vehicle = load_vehicle(self._settings.vehicle_file)
         self._stage = ""  # the stage engaged; empty before it is known
+        self._session: int | None = None  # of the bench; None before it is known
         self._points = Tally(POINT_REASONS)
         self.ticks = 0
         # The callback lives as long as the handle is held.
@@ -327,12 +329,42 @@ class EfficiencyNode(Node):
             **qos.overridable(qos.LATCHED),
             event_callbacks=no_events,
         )
-        self._subscribe_raw(
-            "operating_point", self._on_operating_point, qos.INPUT, no_events
+        self.create_subscription(
+            Int32,
+            messages.SESSION,
+            self.guard.callback(self._on_session),
+            **qos.overridable(qos.LATCHED),
+            event_callbacks=no_events,
         )
         self._subscribe_raw(
-            "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
+            JointState,
+            "operating_point",
+            self._on_operating_point,
+            qos.INPUT,
+            no_events,
         )
+        self._subscribe_raw(
+            JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
+        )
+        self._typed: Any = interfaces.find()
+        if self._typed is not None:
+            self._advice_publisher = publisher(
+                self._typed.Advice, "~/advice", qos.OUTPUT
+            )
+            self._subscribe_raw(
+                self._typed.OperatingPoint,
+                "~/operating_point",
+                self._on_typed_point,
+                qos.INPUT,
+                no_events,
+            )
+            self._subscribe_raw(
+                self._typed.BenchSample,
+                "~/bench_sample",
+                self._on_typed_sample,
+                qos.BENCH_SAMPLE,
+                None,
+            )
 
     def _require_distinct_topics(self) -> None:
         """Refuse remappings by which the node would answer itself, or take one input for two.
@@ -350,11 +382,16 @@ class EfficiencyNode(Node):
                 )
 
     def _subscribe_raw(
-        self, topic: str, callback: Callable[..., None], profile: Any, events: Any
+        self,
+        kind: Any,
+        topic: str,
+        callback: Callable[..., None],
+        profile: Any,
+        events: Any,
     ) -> None:
         """Subscribe to the bytes of messages: one that is too long is refused unread."""
         self.create_subscription(
-            JointState,
+            kind,
             topic,
             self.guard.callback(callback),
             raw=True,
@@ -426,21 +463,26 @@ class EfficiencyNode(Node):
             self.guard.warn("stage", self._without_stage())
         self._publish_outputs(self._ages.now())
 
-    def _engaged(self) -> Served | None:
-        """Return what answers; None where the model has several stages and none is engaged."""
+    def _engaged(self, stage: str = "") -> Served | None:
+        """Return what answers; None where the model has several stages and none is engaged.
+
+        Args:
+            stage: the stage engaged; empty for that of the topic `stage`.
+        """
         transmission = self._served.model
         if not transmission.other_stages:
             return Served(transmission, transmission, self._engine, self._vehicle)
-        model = transmission.stages.get(self._stage)
+        model = transmission.stages.get(stage or self._stage)
         if model is None:
             return None
         return Served(model, transmission, self._engine, self._vehicle)
 
-    def _without_stage(self) -> str:
-        """Return why no stage is engaged."""
+    def _without_stage(self, stage: str = "") -> str:
+        """Return why no stage is engaged; `stage` as of `_engaged`."""
         stages = ", ".join(self._served.model.stages)
-        if self._stage:
-            return f"stage {self._stage!r} is not known; there is {stages}"
+        engaged = stage or self._stage
+        if engaged:
+            return f"stage {engaged!r} is not known; there is {stages}"
         return f"stage: nothing received, and the model has several: {stages}"
 
     # --- inputs and outputs -------------------------------------------------------------------
@@ -488,14 +530,14 @@ class EfficiencyNode(Node):
         if rate > 0.0:
             self._last_output = time.monotonic()
 
-    def _oil(self, now: int) -> float | None:
+    def _oil(self, now: int, stage: str = "") -> float | None:
         """Return the oil temperature [deg C]; None where it is unknown or does not matter."""
-        if not self._needs_oil():
+        if not self._needs_oil(stage):
             return None
         return self._inputs.oil_temperature(now, self._settings.oil_age_limit)
 
-    def _needs_oil(self) -> bool:
-        served = self._engaged()
+    def _needs_oil(self, stage: str = "") -> bool:
+        served = self._engaged(stage)
         return served is not None and depends_on_oil(served.model)
 
     def _on_oil_temperature(self, message: Float64, info: Mapping[str, int]) -> None:
@@ -506,19 +548,92 @@ class EfficiencyNode(Node):
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         arrival = self._ages.arrival(info["received_timestamp"])
-        age = (arrival.now - arrival.received) * NANOSECONDS
         message = JointState()
+
+        def read() -> interfaces.Question:
+            nonlocal message
+            message = messages.joint_state(raw)
+            point = messages.point_from_message(message, self._points)
+            return interfaces.Question(point, messages.oil_temperature_of(message))
+
+        point, oil = self._asked(arrival, read)
+        served = self._engaged()
+        transmission = self._served.model
+        self._outputs.advise(
+            served or Served(transmission, transmission, None),
+            message,
+            point,
+            self._settings,
+            stage_known=served is not None,
+            oil_temperature=oil,
+        )
+
+    def _on_typed_point(self, raw: bytes, info: Mapping[str, int]) -> None:
+        """Answer an OperatingPoint of hmcvt_msgs."""
+        arrival = self._ages.arrival(info["received_timestamp"])
+        message = self._typed.OperatingPoint()
+        stage = ""
+
+        def read() -> interfaces.Question:
+            nonlocal message, stage
+            message = interfaces.read(raw, self._typed.OperatingPoint)
+            stage = message.stage
+            return interfaces.question_of(message, self._points)
+
+        point, oil = self._asked(arrival, read, lambda: stage)
+        served = self._engaged(stage)
+        advice = self._typed.Advice(header=message.header, id=message.id)
+        advice.model = self._served.model.fingerprint
+        advice.stage = "" if served is None else served.model.stage.name
+        advice.hold = self._settings.optimum_hold
+        values = dict.fromkeys(ADVICE, math.nan)
+        if point is not None and served is not None:
+            numbers = self._outputs.advice_values(served, point, self._settings, oil)
+            values = dict(zip(ADVICE, numbers, strict=True))
+            advice.optimal_stage = self._outputs.optimal_stage(
+                served, point, self._settings, oil
+            )
+            if math.isnan(values["efficiency"]):
+                advice.refusal = served.model.refusal(*point, oil) or ""
+        elif self._inputs.asked is not None:
+            advice.refusal = self._inputs.asked[1]
+        # Not known counts as outside: a consumer must not trust it more.
+        advice.extrapolated = values.pop("extrapolated") != 0.0
+        del values["hold"]
+        for name, value in values.items():
+            setattr(advice, name, float(value))
+        self._advice_publisher.publish(advice)
+
+    def _asked(
+        self,
+        arrival: Arrival,
+        read: Callable[[], interfaces.Question],
+        stage_of_message: Callable[[], str] = str,
+    ) -> tuple[OperatingPoint | None, float | None]:
+        """Take a message with an operating point, count it, and keep its state for diagnostics.
+
+        Args:
+            arrival: when it came.
+            read: reads it.
+            stage_of_message: returns the stage that it states, once it is read; empty for none.
+
+        Returns:
+            Operating point, None where there is no answer, and the oil temperature [deg C], None
+            where it is not known or does not matter.
+        """
+        age = (arrival.now - arrival.received) * NANOSECONDS
         point = None
-        oil = self._oil(arrival.now)
+        oil = None
         try:
             with _invalid_point():
-                message = messages.joint_state(raw)
-                point = messages.point_from_message(message, self._points)
-                stated = messages.oil_temperature_of(message)
+                point, stated = read()
                 if stated is not None:
                     self._inputs.oil.take(stated, arrival)
-                    oil = stated if self._needs_oil() else None
-            self._require_answerable(age)
+            stage = stage_of_message()
+            oil = self._oil(arrival.now, stage) if stated is None else stated
+            if not self._needs_oil(stage):
+                oil = None
+            self._require_answerable(age, stage)
         except _PointError as error:
             point = None
             self._points.refuse(error.reason, str(error))
@@ -532,18 +647,9 @@ class EfficiencyNode(Node):
                 point = None
                 self._inputs.coasting += 1
                 self._inputs.asked = (State.COASTING, f"operating_point: {reason}")
-        served = self._engaged()
-        transmission = self._served.model
-        self._outputs.advise(
-            served or Served(transmission, transmission, None),
-            message,
-            point,
-            self._settings,
-            stage_known=served is not None,
-            oil_temperature=oil,
-        )
+        return point, oil
 
-    def _require_answerable(self, age: float) -> None:
+    def _require_answerable(self, age: float, stage: str = "") -> None:
         """Refuse an operating point that waited too long [s], or whose stage is not known."""
         if age > self._settings.input_timeout:
             raise _PointError(
@@ -551,21 +657,36 @@ class EfficiencyNode(Node):
                 State.STALE,
                 f"it has waited for {age:.1f} s; input_timeout",
             )
-        if self._engaged() is None:
-            raise _PointError(POINT_WITHOUT_STAGE, State.MISSING, self._without_stage())
+        if self._engaged(stage) is None:
+            raise _PointError(
+                POINT_WITHOUT_STAGE, State.MISSING, self._without_stage(stage)
+            )
 
     # --- bench samples ------------------------------------------------------------------------
 
+    def _on_session(self, message: Int32) -> None:
+        self._session = message.data
+
     def _on_bench_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
         self._log.numbers.take(info["publication_sequence_number"])
+        self._take_sample(lambda: messages.joint_state(raw))
+
+    def _on_typed_sample(self, raw: bytes, info: Mapping[str, int]) -> None:
+        """Take a BenchSample of hmcvt_msgs."""
+        self._log.numbers.take(info["publication_sequence_number"])
+        kind = self._typed.BenchSample
+        self._take_sample(lambda: interfaces.joint_state_of(interfaces.read(raw, kind)))
+
+    def _take_sample(self, read: Callable[[], JointState]) -> None:
+        """Read a bench sample and log it, or count it as refused."""
         try:
-            message = messages.joint_state(raw)
+            message = read()
             now = self.get_clock().now().nanoseconds * NANOSECONDS
             oil = self._inputs.oil_temperature(
                 self._ages.now(), self._settings.oil_age_limit
             )
             sample = messages.bench_sample_from_message(
-                message, now, self._log.tally, oil
+                message, now, self._log.tally, oil, self._session
             )
             if self._served.model.other_stages:
                 stage = self._stage_of_sample(message.header.frame_id)
@@ -677,6 +798,7 @@ class EfficiencyNode(Node):
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
             "oil temperature [deg C]": self._oil_in_words(now),
+            "session": "unknown" if self._session is None else self._session,
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
             "requests contained": self.guard.contained,
         }

@@ -35,6 +35,9 @@ ASSUMED_OIL = 60.0
 # Chosen by us: the oil of a tractor at work has 35 to 85 deg C.
 UNKNOWN_OIL_RANGE = 25.0
 """How far from `ASSUMED_OIL` an oil temperature that is not known may be, at 95 % [K]."""
+# Chosen by us: sensors of oil resolve about 1 K, and a search takes longer than an answer.
+_OIL_STEP = 1.0
+"""Change of the oil temperature that the optimum follows [K]."""
 _QUANTILE = 1.96
 """Of the normal distribution at 95 %, two-sided."""
 UNKNOWN_STAGE = "unknown"
@@ -67,6 +70,7 @@ class _Question(NamedTuple):
         hold: parameter `optimum_hold`.
         displacement_ratio: [-]; None where it does not matter.
         limits: engine speeds that the optimum may use [rad/s].
+        oil_temperature: [deg C]; None where it is not known, or does not matter.
     """
 
     served: Served
@@ -75,6 +79,7 @@ class _Question(NamedTuple):
     hold: str
     displacement_ratio: float | None
     limits: tuple[float, float]
+    oil_temperature: float | None
 
 
 class _Best(NamedTuple):
@@ -142,7 +147,7 @@ class Outputs:
             self.refusal = ""
         else:
             self.refusal = served.model.refusal(*point, oil_temperature) or ""
-        best = self._best(_question(served, point, settings))
+        best = self._best(_question(served, point, settings, oil_temperature))
         _publish(self._stroke, best.displacement_ratio, settings)
         _publish(self._speed, best.engine_speed, settings)
         if best.stage is not None:
@@ -174,19 +179,31 @@ class Outputs:
         """
         values = [math.nan] * len(ADVICE)
         if point is not None:
-            values = self._advice_values(served, point, settings, oil_temperature)
+            values = self.advice_values(served, point, settings, oil_temperature)
         stage = served.model.stage.name if stage_known else UNKNOWN_STAGE
         answer = JointState(header=message.header, name=list(ADVICE), position=values)
         answer.header.frame_id = f"{served.transmission.fingerprint}:{stage}"
         self._advice.publish(answer)
 
-    def _advice_values(
+    def optimal_stage(
+        self,
+        served: Served,
+        point: OperatingPoint,
+        settings: Settings,
+        oil_temperature: float | None,
+    ) -> str:
+        """Return the stage of the optimum; empty without one. Arguments as of `advise`."""
+        best = self._best(_question(served, point, settings, oil_temperature))
+        return best.stage or ""
+
+    def advice_values(
         self,
         served: Served,
         point: OperatingPoint,
         settings: Settings,
         oil_temperature: float | None,
     ) -> list[float]:
+        """Return the values of `ADVICE` at a point; arguments as of `advise`."""
         model = served.model
         prediction = model.predict(*point, oil_temperature)
         deviation = prediction.standard_error
@@ -200,7 +217,7 @@ class Outputs:
         if served.engine is not None:
             engine_torque = point.load_torque + loss / point.engine_speed
             fuel_rate = served.engine.fuel_rate(point.engine_speed, engine_torque)
-        best = self._best(_question(served, point, settings))
+        best = self._best(_question(served, point, settings, oil_temperature))
         return [
             prediction.efficiency,
             deviation,
@@ -242,11 +259,19 @@ def _std_of_unknown_oil(model: EfficiencyModel, point: OperatingPoint) -> float:
     return float(np.max(changes)) / _QUANTILE  # NaN where one has no answer
 
 
-def _question(served: Served, point: OperatingPoint, settings: Settings) -> _Question:
+def _question(
+    served: Served,
+    point: OperatingPoint,
+    settings: Settings,
+    oil_temperature: float | None,
+) -> _Question:
     # The displacement ratio matters only where it determines the output speed.
     ratio = None
     if settings.optimum_hold == "output_speed":
         ratio = point.displacement_ratio
+    oil = None
+    if oil_temperature is not None:
+        oil = _OIL_STEP * round(oil_temperature / _OIL_STEP)
     return _Question(
         served,
         point.engine_speed,
@@ -254,6 +279,7 @@ def _question(served: Served, point: OperatingPoint, settings: Settings) -> _Que
         settings.optimum_hold,
         ratio,
         settings.engine_speed_limits,
+        oil,
     )
 
 
@@ -271,10 +297,16 @@ def _best(question: _Question) -> _Best:
         return _commanded(Controller(drive_line), question, ratio)
     if ratio is not None and free:
         drive = served.transmission.optimal_drive(
-            model.output_speed(ratio, question.engine_speed, question.load_torque),
+            model.output_speed(
+                ratio,
+                question.engine_speed,
+                question.load_torque,
+                question.oil_temperature,
+            ),
             question.engine_speed * question.load_torque,
             engine=served.engine,
             engine_speed_limits=question.limits,
+            oil_temperature=question.oil_temperature,
         )
         return _Best(drive.displacement_ratio, drive.engine_speed, drive.stage)
     best = model.optimal_displacement_ratio(
@@ -283,6 +315,7 @@ def _best(question: _Question) -> _Best:
         hold=question.hold,
         displacement_ratio=ratio,
         engine_speed_limits=question.limits,
+        oil_temperature=question.oil_temperature,
     )
     # An engine speed belongs to a displacement ratio, and there is none without it.
     if not math.isfinite(best.displacement_ratio):

@@ -86,11 +86,6 @@ class Analysis:
         raise KeyError(leading.names)
 
     @cached_property
-    def expected_gap(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of the gap at the samples, over the posterior."""
-        return self.posterior.relevant.gap_at()
-
-    @cached_property
     def predictions(self) -> tuple[tuple[Prediction, float], ...]:
         """Relevant explanations at the samples, with allowances, and their probabilities."""
         observed = self.base.observed

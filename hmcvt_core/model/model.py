@@ -660,8 +660,9 @@ class EfficiencyModel:
         output_speed: ArrayLike | None = None,
         engine_speed_limits: tuple[float, float] = ranges.ENGINE_SPEED_LIMITS,
         stage: str | None = None,
+        oil_temperature: float | None = None,
     ) -> Optimum:
-        """Displacement ratio (and engine speed) that wastes least.
+        """Displacement ratio (and engine speed) that loses least.
 
         Args:
             engine_speed: now [rad/s].
@@ -672,6 +673,7 @@ class EfficiencyModel:
             output_speed: to hold [rad/s].
             engine_speed_limits: lowest and highest engine speed allowed [rad/s].
             stage: name of the stage engaged; needed where the model has several.
+            oil_temperature: at every point [deg C]; only effects read it.
 
         Returns:
             The best point, NaN where the model has no answer anywhere on the line.
@@ -683,7 +685,7 @@ class EfficiencyModel:
         self._require_stage(stage)
         model = self.without_meters().in_stage(stage)
         return optimum(
-            model.balance(NO_OPTIMUM),
+            model.balance(NO_OPTIMUM).at_oil_temperature(_checked_oil(oil_temperature)),
             engine_speed,
             load_torque,
             hold,
@@ -703,17 +705,20 @@ class EfficiencyModel:
         stage: str | None = None,
         hysteresis: float = 0.0,
         inside_domain: bool = False,
+        oil_temperature: float | None = None,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`.
 
         With `inside_domain`, only within the data that the model was identified from.
+        `oil_temperature` holds at every point [deg C]; only effects read it.
         """
         if inside_domain and self.domain is None:
             raise InputError(
                 "inside_domain: the model does not state the range of its data"
             )
+        oil = _checked_oil(oil_temperature)
         stages = {
-            name: model.balance(NO_OPTIMUM)
+            name: model.balance(NO_OPTIMUM).at_oil_temperature(oil)
             for name, model in self.without_meters().stages.items()
         }
         return drive_optimum(
@@ -798,6 +803,13 @@ class EfficiencyModel:
             Shape (..., n); NaN where the formulation has no answer.
         """
         rows = values.reshape(-1, values.shape[-1])
+        if (
+            points.stage is None
+            and len(rows) * points.engine_speed.size <= ranges.CHUNK
+        ):
+            # An annealing asks hundreds of times: without the detour over stages and chunks.
+            solver = self._solver_of(Candidates(*rows.T[:, :, None]))
+            return solver.solve(points).efficiency.reshape(*values.shape[:-1], -1)
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
             model = self.in_stage(name)
@@ -933,6 +945,17 @@ def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int,
         shape = array.shape
         columns.append(array.ravel().tolist())
     return (columns, shape) if shape else ([()], ())
+
+
+def _checked_oil(oil_temperature: float | None) -> float | None:
+    """Return an oil temperature [deg C] that is in range, or None.
+
+    Raises:
+        InputError: it is out of range.
+    """
+    if oil_temperature is not None:
+        ranges.OIL_TEMPERATURE.check(oil_temperature)
+    return oil_temperature
 
 
 def _mask_of(point: Sequence[Any], oil_temperature: Any) -> Any:

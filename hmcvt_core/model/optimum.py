@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The working point that wastes least, of one stage or of the whole drive line.
+"""The working point that loses least, of one stage or of the whole drive line.
 
 At a held engine speed the best displacement ratio lies next to the full-mechanical point, eps = 0.
 What a tractor wants is the best pair (engine speed, displacement ratio) at the output speed and

@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What answers at many points: the balance without effects, and with them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -73,20 +75,34 @@ class BalanceSolver:
         parameters: of the units; parameters of shape (..., 1) give results of shape (..., n). So do
             gear efficiencies of the stage.
         effects: further losses; those of another stage do not act.
+        oil_temperature: at points that state none [deg C]; None where it is not known.
     """
 
     def __init__(
-        self, stage: Stage, parameters: Parameters, effects: Sequence[Effect] = ()
+        self,
+        stage: Stage,
+        parameters: Parameters,
+        effects: Sequence[Effect] = (),
+        oil_temperature: float | None = None,
     ) -> None:
         self.stage = stage
         self.mechanical_ratio = stage.mechanical_speed_ratio
         self._parameters = parameters
+        self._oil_temperature = oil_temperature
         self._effects = tuple(
             effect for effect in effects if effect.stage in ("", stage.name)
         )
         self._pump_on_row = stage.layout == "output_coupled"
         self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}
+
+    def at_oil_temperature(self, oil_temperature: float | None) -> BalanceSolver:
+        """Return a solver of all points at an oil temperature [deg C]; None leaves it unknown."""
+        if oil_temperature is None or not self._effects:
+            return self
+        return BalanceSolver(
+            self.stage, self._parameters, self._effects, oil_temperature
+        )
 
     @cached_property
     def at_point(self) -> PointSolver | None:
@@ -222,7 +238,7 @@ class BalanceSolver:
             self.stage,
             self._parameters,
             self._effects,
-            points,
+            self._with_oil(points),
             senses or self.senses(points),
             self.resting(points),
         )
@@ -334,13 +350,20 @@ class BalanceSolver:
         senses: Senses,
     ) -> tuple[Array, Array]:
         """Search the displacement ratio from a first one, and check the speed that it makes."""
-        points = OperatingPoints(stroke, engine_speed, load_torque)
+        points = self._with_oil(OperatingPoints(stroke, engine_speed, load_torque))
         shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
         stroke = shafts.stroke_for(output_speed)
         state = self._bench_state(points._replace(displacement_ratio=stroke), senses)
         reached = readings.output_speed(state)
         holds = np.abs(reached - output_speed) < _HELD * np.abs(output_speed)
         return stroke, np.where(holds, state.true.engine_torque, np.nan)
+
+    def _with_oil(self, points: OperatingPoints) -> OperatingPoints:
+        """Return points that state the oil temperature where the solver knows it."""
+        if self._oil_temperature is None or points.oil_temperature is not None:
+            return points
+        column = np.full(np.shape(points.engine_speed), self._oil_temperature)
+        return points._replace(oil_temperature=column)
 
     def quadrant(self, senses: Senses) -> SteadyState:
         """Return the closed form in one quadrant, without effects."""

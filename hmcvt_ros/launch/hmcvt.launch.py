@@ -25,6 +25,7 @@ ARGUMENTS = {
     "oil_temperature": ("oil_temperature", "topic of this input"),
     "operating_point": ("operating_point", "topic of this input"),
     "stage": ("stage", "topic of this input"),
+    "session": ("session", "topic of this input"),
     "bench_sample": ("bench_sample", "topic of this input"),
     "use_sim_time": ("false", "follow /clock"),
     "log_level": ("info", "debug, info, warn or error"),
@@ -39,6 +40,7 @@ INPUTS = (
     "oil_temperature",
     "operating_point",
     "stage",
+    "session",
     "bench_sample",
 )
 

@@ -26,6 +26,10 @@ from .import_checks import checked_by_gears, with_session
 _STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 
 
+_HIDDEN = ("torque_loss", "engine_power", "efficiency_std")
+"""Quantities whose options are not in --help: a question names them where one is needed."""
+
+
 def _quantity_options() -> Callable[[common.Function], common.Function]:
     """Return one option for each quantity, and one for the stage."""
     made = []
@@ -34,15 +38,11 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
         meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
         if quantity.name == "stamp":
             meaning = f"{meaning}, {_STAMP_UNITS}"
-        made.append(_quantity_option(quantity.name, f"{meaning}. [{units}]"))
-    made.append(_quantity_option("stage", "Stage engaged, as text."))
+        text = f"{meaning}. [{units}]"
+        hidden = quantity.name in _HIDDEN
+        made.append(logs.quantity_option(quantity.name, text, hidden=hidden))
+    made.append(logs.quantity_option("stage", "Stage engaged, as text."))
     return common.options(*made)
-
-
-def _quantity_option(quantity: str, text: str) -> Callable[[Any], Any]:
-    """Return the option that names the column of a quantity."""
-    name = f"--{quantity.replace('_', '-')}"
-    return click.option(name, metavar="COLUMN[:UNIT]", help=text)
 
 
 @common.command(
@@ -144,12 +144,7 @@ def command(
     skip_bad: bool,
     averaged: bool,
     unchecked: bool,
-    dbc: str | None,
-    reference_torque: float | None,
-    friction_torque: float | None,
-    stage_names: str | None,
-    group: str | None,
-    **given: str | None,
+    **given: Any,
 ) -> Answer:
     """Turn the table or the log of your bench into bench samples.
 
@@ -162,13 +157,7 @@ def command(
     """
     inputs = [raw, mapping, transmission]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
-    of_logs = {
-        "dbc": dbc,
-        "reference_torque": reference_torque,
-        "friction_torque": friction_torque,
-        "stage_names": stage_names,
-        "group": group,
-    }
+    of_logs = logs.taken_from(given)
     if is_log(raw):
         if session is not None or transmission is not None:
             raise click.UsageError("--session and --transmission are for tables")

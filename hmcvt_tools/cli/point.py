@@ -233,7 +233,7 @@ def breakdown(
     help="Only points within the data that the model was identified from.",
 )
 def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
-    """Find the displacement ratio that wastes least, or the drive line's best working point."""
+    """Find the displacement ratio that loses least, or the drive line's best working point."""
     limits = given["engine_speed_limits"] or ENGINE_SPEED_LIMITS
     if given["engine_speed"] is None:
         return _of_drive_line(common.model_from(params), stage, limits, given)

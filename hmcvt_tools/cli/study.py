@@ -265,7 +265,7 @@ class _Study:
         return diagnosis
 
     def export(self, model: EfficiencyModel) -> None:
-        """Write the model handed over as C and as an FMU."""
+        """Write the saved model as C and as an FMU."""
         files = self._write(
             "c",
             "C99 with a self-test, for a controller",

@@ -12,6 +12,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     Compressibility,
+    OilTemperature,
     PressureFrictionStribeck,
 )
 from hmcvt_core.physics.effects.mechanical import ChargePump
@@ -252,3 +253,27 @@ def best_on_the_line(model, target, power):
         model, Points(*np.array([[np.nan]] * 3 + [[target], [power]])), "output_speed"
     )
     return found[0]
+
+
+@pytest.mark.parametrize("temperature", [20.0, 100.0])
+def test_optimum_follows_the_oil_temperature(model, temperature):
+    model = replace(model, effects=(OilTemperature(1.0),))
+    strokes = np.linspace(-1.0, 1.0, 401)
+    best = model.optimal_displacement_ratio(150.0, 200.0, oil_temperature=temperature)
+    at_best = model.efficiency(best.displacement_ratio, 150.0, 200.0, temperature)
+    assert best.efficiency == pytest.approx(at_best, rel=1e-9)
+    others = model.efficiency(strokes, 150.0, 200.0, temperature)
+    assert at_best >= np.nanmax(others) - 1e-6
+    unknown = model.optimal_displacement_ratio(150.0, 200.0)
+    assert at_best > 5e-4 + model.efficiency(
+        unknown.displacement_ratio, 150.0, 200.0, temperature
+    )
+    drive = model.optimal_drive(100.0, 30_000.0, oil_temperature=temperature)
+    assert drive.efficiency == pytest.approx(
+        model.efficiency(
+            drive.displacement_ratio, drive.engine_speed, drive.load_torque, temperature
+        ),
+        rel=1e-6,
+    )
+    with pytest.raises(hmcvt.InputError, match="oil_temperature = 350"):
+        model.optimal_displacement_ratio(150.0, 200.0, oil_temperature=350.0)

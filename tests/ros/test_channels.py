@@ -11,7 +11,7 @@ from core.test_refit import campaign
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD, message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Int32
 
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
@@ -41,7 +41,8 @@ def stating(sent, **values):
 def oil_node(start_node, tmp_path_factory):
     path = tmp_path_factory.mktemp("oil") / "oil.yaml"
     hmcvt.save_model(MODEL, path)
-    return start_node(path)
+    # A busy machine holds up points, which are not the subject here.
+    return start_node(path, input_timeout=10.0)
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +99,12 @@ def test_answers_follow_the_oil_and_state_when_it_is_unknown(oil_node, ask, tabl
             assert answer["efficiency_std"] == pytest.approx(
                 truth.standard_error, rel=1e-9
             )
+            best = MODEL.optimal_displacement_ratio(
+                *point[1:], oil_temperature=temperature
+            )
+            assert answer["optimal_displacement_ratio"] == pytest.approx(
+                best.displacement_ratio, abs=1e-9
+            )
     refused = ask(table2, 0, oil_temperature=340.0)
     assert all(map(math.isnan, refused.values()))
     assert oil_node.says("oil_temperature = 340 is outside -40 to 150 deg C (is it in")
@@ -124,12 +131,19 @@ def test_oil_temperature_comes_by_a_topic_too(oil_node, ask, table2):
     player.send_sample(stating(message(table2, 1), oil_temperature=50.0))
     player.send_sample(stating(message(table2, 2), session=1.5))
     assert oil_node.comes(lambda: oil_node.logged() == 2)
+    sessions = player.create_publisher(Int32, "session", qos.LATCHED)
+    sessions.publish(Int32(data=4))
+    assert oil_node.comes(lambda: oil_node.value("session", "inputs") == "4", 20.0)
+    player.send_sample(message(table2, 3))
+    player.send_sample(stating(message(table2, 4), session=5))
+    assert oil_node.comes(lambda: oil_node.logged() == 4)
     columns = hmcvt.read_bench(oil_node.bench_file).extra
-    assert columns["stated_oil_temperature"] == ("85.0", "50.0")
-    assert columns["stated_pressure"] == ("20000000.0", "")
-    assert columns["stated_session"] == ("3", "")
+    assert columns["stated_oil_temperature"] == ("85.0", "50.0", "85.0", "85.0")
+    assert columns["stated_pressure"] == ("20000000.0", "", "", "")
+    assert columns["stated_session"] == ("3", "", "4", "5")
     assert oil_node.reports(DiagnosticStatus.WARN, "session = 1.5 is no whole number")
     player.destroy_publisher(topic)
+    player.destroy_publisher(sessions)
 
 
 def test_model_without_oil_is_not_widened():

@@ -36,6 +36,7 @@ MAY_WRITE = {
     "oil_temperature": {"bench_player", "control_stack"},
     "operating_point": {"bench_player", "control_stack"},
     "stage": {"bench_player", "control_stack"},
+    "session": {"bench_player"},
     "bench_sample": {"bench_player"},
     "clock": set(),
 }
