@@ -253,11 +253,27 @@ def _braced(
         values = [_initial(program, element, part, is_global) for part in parts]
         text = f"[{', '.join(values)}]"
         return f"new Float32Array({text})" if variable.kind == "float" else text
-    members = program.structures[variable.kind]
     pairs = []
-    for member, part in zip(members, parts, strict=True):
-        pairs.append(f"{member.name}: {_initial(program, member, part, is_global)}")
+    for member, value in _members(program, variable, parts):
+        pairs.append(f"{member.name}: {_initial(program, member, value, is_global)}")
     return f"{{{', '.join(pairs)}}}"
+
+
+def _members(
+    program: _Program, variable: Variable, parts: Sequence[Tokens]
+) -> list[tuple[Variable, Tokens]]:
+    """Return each member of a structure with its value, named (`.x = 1`) or in order."""
+    members = program.structures[variable.kind]
+    if len(parts) != len(members):
+        raise HmcvtError(f"C not translated: {variable.name} sets some members only")
+    by_name = {member.name: member for member in members}
+    values: list[tuple[Variable, Tokens]] = []
+    for member, part in zip(members, parts, strict=True):
+        if part[0] == ".":
+            values.append((by_name[part[1]], part[3:]))
+        else:
+            values.append((member, part))
+    return values
 
 
 def _function(program: _Program, tokens: Tokens, start: int, head: int) -> int:
@@ -352,12 +368,14 @@ def _braced_local(
     variable: Variable,
     tokens: Tokens,
 ) -> str:
-    values = [_expression(program, names, part) for part in _split(tokens[1:-1])]
+    parts = list(_split(tokens[1:-1]))
     if variable.sizes:
+        values = [_expression(program, names, part) for part in parts]
         return f"[{', '.join(values)}]"
-    members = program.structures[variable.kind]
-    pairs = zip(members, values, strict=True)
-    return f"{{{', '.join(f'{member.name}: {value}' for member, value in pairs)}}}"
+    pairs = []
+    for member, value in _members(program, variable, parts):
+        pairs.append(f"{member.name}: {_expression(program, names, value)}")
+    return f"{{{', '.join(pairs)}}}"
 
 
 def _unset(program: _Program, variable: Variable) -> str:

@@ -13,7 +13,11 @@ from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
 from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
-from hmcvt_core.physics.effects.mechanical import FanDrive
+from hmcvt_core.physics.effects.mechanical import (
+    AccessoryDrive,
+    BearingDrag,
+    FanDrive,
+)
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 
 from .campaigns import BASE, NOISE, campaign, measure, random_points
@@ -26,6 +30,7 @@ ACTING = [
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=0.0),
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=1.0),
     FanDrive(torque=8.0, start=60.0),
+    AccessoryDrive(power=900.0),
     ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
     BrakeDrag(torque=10.0),
     GrippingClutch(torque=10.0, speed_ratio=1.2),
@@ -68,6 +73,23 @@ def test_what_no_test_reaches_is_no_candidate(effect):
     np.testing.assert_allclose(fit.signature(effect), 0.0, atol=1e-9)
     visible = {form for form, _ in fit.signatures}
     assert effect.with_values({effect.sizes()[0].name: 0.0}) not in visible
+
+
+def test_an_accessory_takes_the_same_power_at_every_speed():
+    _, bare = BalanceSolver(BASE.stage, BASE.parameters).flow(POINTS)
+    accessory = AccessoryDrive(power=900.0)
+    _, driven = BalanceSolver(BASE.stage, BASE.parameters, (accessory,)).flow(POINTS)
+    np.testing.assert_allclose(driven.engine_power - bare.engine_power, 900.0)
+
+
+def test_an_accessory_is_no_constant_torque():
+    fit = refit(Hypothesis(Transmission(BASE)), observe(campaign(seed=1), NOISE))
+    forms = [AccessoryDrive(), BearingDrag(exponent=0.0), BearingDrag(exponent=0.67)]
+    accessory, *bearings = fit.project_out(fit.signatures_of(forms))
+    for bearing in bearings:
+        alike = accessory @ bearing
+        alike /= np.linalg.norm(accessory) * np.linalg.norm(bearing)
+        assert np.sqrt(1.0 - alike**2) > 0.15
 
 
 def test_a_fan_needs_the_oil_temperature():

@@ -116,6 +116,7 @@ def test_the_names_of_the_contract_are_there():
         "relief_valve",
         "inlet_starvation",
         "fan_drive",
+        "accessory_drive",
         "clutch_slip",
         "brake_drag",
     }, "named as further ones"

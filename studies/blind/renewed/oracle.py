@@ -30,8 +30,8 @@ _SHIFT = 0.015
 _SHAPES = 2
 #: Candidates that pairs and triples are made of, and sets that are fitted again by the plant.
 _LEADERS = 24
-_REFITTED = 8
-_ITERATIONS = 3
+_REFITTED = 6
+_ITERATIONS = 2
 _LOG_TINY = -745.0
 
 
@@ -74,10 +74,10 @@ class _Oracle:
     def __init__(self, campaign: Campaign, look: Look) -> None:
         self.campaign = campaign
         self.look = look
+        self.changes: list[FloatArray] = []
         self.candidates = self._draw()
         self.target = look.observed() - look.bare
-        changes = [look.change([item.effect]) for item in self.candidates]
-        stacked = np.column_stack([*changes, self.target])
+        stacked = np.column_stack([*self.changes, self.target])
         left = look.remaining(stacked)
         self.ways = left[:, :-1]
         self.rest = left[:, -1]
@@ -122,12 +122,15 @@ class _Oracle:
 
     def _scaled(self, effect: Effect, prior: float) -> Candidate:
         """Return a candidate at the size that shifts the efficiency by one deviation."""
-        trial = replace(effect, size=min(0.3, effect.limit) * effect.size)
+        trial = replace(effect, size=min(0.5, effect.limit) * effect.size)
         count = len(self.campaign.programme)
-        shift = self.look.change([trial])[:count] * self.look.efficiency_deviation
+        change = self.look.change([trial])
+        shift = change[:count] * self.look.efficiency_deviation
         mean = float(np.sqrt(np.mean(shift**2)))
         # A form that does next to nothing keeps a size that is possible.
         factor = min(_SHIFT / max(mean, 1e-9), effect.limit / abs(trial.size))
+        # In proportion; the leading sets are run again at their sizes.
+        self.changes.append(factor * change)
         return Candidate(replace(trial, size=trial.size * factor), prior)
 
     # --- evidence -----------------------------------------------------------------------------
