@@ -63,10 +63,10 @@ def join_clocks(
         return []
     first = [quantity for quantity, name in placed.items() if not name]
     if first:
-        column = columns[first[0]].name
+        in_front = columns[first[0]].name
         raise InputError(
             f"{table.source}: the times in {' and '.join(map(repr, clocks))} differ, and "
-            f"column {column!r} stands in front of them: put each time in front of the "
+            f"column {in_front!r} stands in front of them: put each time in front of the "
             "columns that it belongs to"
         )
     values["stamp"] = clocks[main]
