@@ -69,7 +69,7 @@ def quantity_option(quantity: str, text: str, *, hidden: bool = False) -> common
     Args:
         quantity: its name.
         text: of --help.
-        hidden: from --help, for a quantity that hardly any table holds.
+        hidden: from --help, for a quantity that few tables hold.
     """
     return click.option(
         common.flag(quantity), metavar="NAME[:UNIT]", help=text, hidden=hidden
