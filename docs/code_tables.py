@@ -84,7 +84,9 @@ def _parameter(item: EffectParameter) -> str:
     if item.is_size:
         return f"{name} {item.typical:g} ({item.low:g} to {item.high:g})"
     values = ", ".join(f"{value:g}" for value in item.grid)
-    return f"{name} tried at {values}"
+    if item.within_grid:
+        return f"{name} tried at {values}"
+    return f"{name} tried at {values}, refitted from {item.low:g} to {item.high:g}"
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def drive(
     return {"battery_power": power, "phase_current": current}
 
 
-DRIVE = hmcvt.Simulator(
+system = hmcvt.Simulator(
     function=drive,
     axes=(
         hmcvt.Axis.of("speed", "rad/s", digits=0),
@@ -143,5 +143,5 @@ def campaign(
 
 if __name__ == "__main__":
     points, readings = campaign(seed=1, magnet_weakening=0.04)
-    observed = hmcvt.observe_system(DRIVE, {**points, **readings}, noise=CHANNEL_NOISE)
-    print(hmcvt.diagnose_system(DRIVE, observed).report())
+    observed = hmcvt.observe_system(system, {**points, **readings}, noise=CHANNEL_NOISE)
+    print(hmcvt.diagnose_system(system, observed).report())

@@ -16,6 +16,9 @@ physics         power balance, effects, formulas of the paper
 files           the core's own files: bench CSV, YAML, atomic writes
 transmission    registry of quantities, gear train, parameters
 
+`interface` adds the names that packages built on the core use. `cli` and `mission` only forward
+names that moved to `hmcvt_tools`.
+
 Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
 `hmcvt_tools`.
 """

@@ -16,7 +16,7 @@ The names below keep their meaning within a minor version, as those of `hmcvt_co
 """
 
 from .estimation import Estimate, EstimateSettings, estimate
-from .export import export_c, export_fmu, export_mat
+from .export import export_c, export_fmu, export_mat, write_page
 from .fleet import ONE_BLAS_THREAD
 from .fmu_function import FmuFunction
 from .mission import Drive, Vehicle, load_vehicle
@@ -71,4 +71,5 @@ __all__ = [
     "split_at_gaps",
     "steady_tests",
     "write_html",
+    "write_page",
 ]

@@ -48,7 +48,7 @@ class Steadiness:
 
     A window is cut into blocks. Drift is the spread of the block means, largest less smallest;
     scatter is the standard deviation within a block. Both are fractions of the mean, those of the
-    displacement ratio plain numbers. Each field tells in its metadata what it limits; a block is
+    displacement ratio plain numbers. The metadata of each field states what it limits; a block is
     short against a window and long against the noise.
 
     Raises:
@@ -188,7 +188,7 @@ def effective_size(values: Array) -> float:
     would give S < 1; that gain is not taken.
 
     The deviation that follows is still a fifth too small when the time constant of the noise is
-    1/20 of the series: nothing in so short a series tells.
+    1/20 of the series: so short a series cannot show it.
 
     Args:
         values: equally spaced readings, shape (n,), n at least 2.
@@ -292,7 +292,7 @@ class Readings(NamedTuple):
 class SteadyWindow:
     """One steady window: time of its first message and duration [s], count of messages.
 
-    `effective_size` is how many independent messages would tell as much.
+    `effective_size` is how many independent messages would determine as much.
     """
 
     start: float
@@ -476,7 +476,7 @@ def average(part: Readings) -> tuple[SteadyWindow, dict[str, float]]:
     """Average the readings of a steady window, by column of a bench file; `stamp` is its middle.
 
     Efficiency is mean output power / mean engine power, its deviation that of the mean from the
-    scatter within the window; a single reading does not tell how well it is known.
+    scatter within the window; a single reading does not show how well it is known.
     """
     shafts, start, end = part.shafts, float(part.time[0]), float(part.time[-1])
     efficiency, std, size = ratio_of_means(shafts.output_power, shafts.engine_power)

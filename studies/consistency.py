@@ -89,8 +89,8 @@ RULES: dict[str, Callable[[Diagnosis], bool]] = {
     "a next test is listed twice": _repeats_a_test,
     "a next test has no gain": _asks_for_a_test_without_gain,
     "a region is not significant, or of no size": _prints_an_empty_region,
-    "the model handed over is worse": _delivers_something_worse,
-    "the base is handed over, and the gap shrinks": _promises_for_another_model,
+    "the saved model is worse": _delivers_something_worse,
+    "the base is saved, and the gap shrinks": _promises_for_another_model,
     "no gap above the stated noise": _agrees_and_scatters,
 }
 """What no report may do."""

@@ -5,7 +5,7 @@
 
 A campaign is fitted by `hmcvt identify`, and diagnosed and saved by `hmcvt diagnose`, with and
 without an empirical remainder. Each model then predicts fresh tests of the same plant, whose truth
-is known without noise. The error of the model that is handed over is compared with that of the
+is known without noise. The error of the saved model is compared with that of the
 refitted base model.
 """
 
@@ -156,7 +156,7 @@ def _mean_coverage(records: Sequence[dict[str, Any]], model: str) -> str:
 
 
 def error_table(records: Sequence[dict[str, Any]]) -> str:
-    """Return errors of the model handed over / refitted base, unlisted effects, in Markdown."""
+    """Return errors of the saved model / refitted base, unlisted effects, in Markdown."""
     rows = []
     for tests, noise in product(TESTS, NOISES):
         ratios = []
@@ -204,7 +204,7 @@ def command(campaigns: int, seed: int, jobs: int) -> None:
     with Processes(jobs) as pool:
         records = list(pool.map(measured, cases))
     click.echo(coverage_table(records))
-    click.echo("\nError of the model handed over / error of the refitted base:\n")
+    click.echo("\nError of the saved model / error of the refitted base:\n")
     click.echo(error_table(records))
 
 

@@ -132,7 +132,7 @@ MACHINES = {
     "drive": Machine(
         "electric drive",
         "electric_drive",
-        "DRIVE",
+        "system",
         "CHANNEL_NOISE",
         "numpy",
         {"resonance": _drive_resonance, "saturation": _drive_saturation},
@@ -204,6 +204,23 @@ def is_right(kind: str, hidden: str, diagnosis: Any) -> bool:
     return not names or diagnosis.verdict == "other_form"
 
 
+def _goals(title: str, records: list[Record]) -> list[Goal]:
+    """Return the goals of listed and of unlisted causes for some campaigns."""
+    goals = []
+    for kind, word in ((LISTED, "named"), (UNLISTED, "refused")):
+        of_kind = [record["right"] for record in records if record["kind"] == kind]
+        right = sum(of_kind)
+        goals.append(
+            Goal(
+                f"{title}, {kind} cause {word}",
+                f">= {100.0 * GOAL:.0f} %",
+                f"{right} of {len(of_kind)}",
+                right >= GOAL * len(of_kind),
+            )
+        )
+    return goals
+
+
 @click.command("systems")
 @click.argument("machines", nargs=-1, type=click.Choice(list(MACHINES)))
 @click.option("--campaigns", default=30, show_default=True, help="Of each kind.")
@@ -236,21 +253,9 @@ def written(records: list[Record], campaigns: int, first_seed: int) -> str:
     """Return the page of the study."""
     goals = []
     for name in dict.fromkeys(record["machine"] for record in records):
-        for kind, word in ((LISTED, "named"), (UNLISTED, "refused")):
-            of_kind = [
-                record["right"]
-                for record in records
-                if (record["machine"], record["kind"]) == (name, kind)
-            ]
-            right = sum(of_kind)
-            goals.append(
-                Goal(
-                    f"{MACHINES[name].title}, {kind} cause {word}",
-                    f">= {GOAL:.0%}".replace("%", " %"),
-                    f"{right} of {len(of_kind)}",
-                    right >= GOAL * len(of_kind),
-                )
-            )
+        of_machine = [record for record in records if record["machine"] == name]
+        goals += _goals(MACHINES[name].title, of_machine)
+    goals += _goals("all machines", records)
     wrong = []
     for record in records:
         if not record["right"]:

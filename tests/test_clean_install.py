@@ -139,3 +139,30 @@ def test_every_line_of_the_readme_after_its_install_line(with_readme_extras):
         assert done[0] == 0, (command, done)
     assert (with_readme_extras.work / "report.html").is_file()
     assert (with_readme_extras.work / "controller" / "hmcvt_model.c").is_file()
+
+
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """Build the wheel and the source archive of a copy of the checkout."""
+    made = Environment(tmp_path_factory.mktemp("dist"))
+    build = "import setuptools.build_meta as b; b.build_sdist('dist'); b.build_wheel('dist')"
+    code, _, errors = made.run(sys.executable, "-c", build, folder=made.source)
+    assert code == 0, errors
+    return made.source / "dist"
+
+
+@pytest.mark.parametrize("kind", ["*.whl", "*.tar.gz"])
+def test_a_built_distribution_works_in_an_empty_environment(
+    distributions, kind, tmp_path
+):
+    made = Environment(tmp_path)
+    (archive,) = distributions.glob(kind)
+    made.install(f"hmcvt_ros[tools] @ {archive.as_uri()}")
+    code, out, errors = made.run(made.bin / "hmcvt", "--version")
+    assert code == 0, errors
+    assert archive.name.startswith(f"hmcvt_ros-{out.split()[-1]}")
+    code, out, errors = made.run(
+        made.bin / "hmcvt", "identify", "data/table2.csv", "--fit", "1,2,4-6", "--json"
+    )
+    assert code == 0, errors
+    assert json.loads(out)["parameters"]["leakage"]["value"] > 0.0

@@ -223,3 +223,19 @@ def test_map_has_colour_and_a_line_of_optima(
     (marks,) = (line for label, line in lines.items() if "tests of this power" in label)
     power = table2.load_torque * table2.engine_speed
     assert len(marks.get_xdata()) == (np.abs(power / 23e3 - 1.0) <= 0.15).sum() == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "answer"),
+    [
+        ("electric_drive.py", "numpy", "Probably magnet weakening"),
+        ("fmu_system.py", "fmpy", "Probably further leakage"),
+        ("mujoco_joint.py", "mujoco", "Probably coulomb friction"),
+    ],
+)
+def test_any_simulator(name, package, answer, tmp_path):
+    pytest.importorskip(package, reason=f"needs {package}: pip install {package}")
+    if name.startswith("fmu") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
+        pytest.skip("needs a C compiler")
+    assert len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 150
+    assert printed(name, tmp_path).startswith(answer)

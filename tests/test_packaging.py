@@ -139,7 +139,7 @@ def test_sdist_holds_what_the_tests_need(tmp_path):
         cwd=tmp_path / "source",
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=250,
     )
     assert done.returncode == 0, done.stderr
     (archive,) = (tmp_path / "dist").iterdir()
@@ -288,4 +288,6 @@ def test_api_pages_list_every_public_name():
             re.MULTILINE,
         )
     ]
-    assert sorted(named) == sorted(set(hmcvt.__all__) - {"__version__"})
+    # These are of hmcvt_tools alone; older names of it are forwarded by hmcvt_core.
+    of_tools = {"FmuFunction", "write_page"}
+    assert sorted(named) == sorted((set(hmcvt.__all__) | of_tools) - {"__version__"})

@@ -1,2 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Systems on a bench: what the diagnosis has to know of a transmission, of a hydrostatic unit."""
+"""Systems on a bench, as the diagnosis sees them.
+
+transmission  a transmission, and the entry points `diagnose`, `next_test`, `separable`
+unit          a single pump or motor
+baseline      a change against the baseline of a sound machine
+own_system    a machine that a user describes
+"""

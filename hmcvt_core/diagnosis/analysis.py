@@ -14,7 +14,7 @@ from .fitting.refit import Fit
 from .selection.explanation import Explanation
 from .selection.posterior import Posterior, Weighted
 from .selection.prediction import Prediction
-from .settings import GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
+from .settings import CERTAIN_GAP, GAP_SIGNIFICANCE, LIKELY, SMALL_CAMPAIGN
 from .system import Array
 
 
@@ -45,9 +45,12 @@ class Analysis:
     def significant(self) -> bool:
         """Whether there is a gap.
 
-        The readings must be rare without a gap, and some explanation must make them likelier. Of a
-        small campaign the size of the scatter alone may be a gap, which no explanation shows.
+        The readings must be rare without a gap, and some explanation must make them likelier; or
+        that explanation leaves no doubt. Of a small campaign the size of the scatter alone may be a
+        gap, which no explanation shows.
         """
+        if self.posterior.no_gap <= CERTAIN_GAP:
+            return True
         if len(self.base.observed) < SMALL_CAMPAIGN:
             return self.is_rare
         return self.is_rare and self.posterior.no_gap < LIKELY
@@ -81,11 +84,6 @@ class Analysis:
             if leading.names in item.sets:
                 return item
         raise KeyError(leading.names)
-
-    @cached_property
-    def expected_gap(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of the gap at the samples, over the posterior."""
-        return self.posterior.relevant.gap_at()
 
     @cached_property
     def predictions(self) -> tuple[tuple[Prediction, float], ...]:

@@ -316,6 +316,13 @@ GAP_SIGNIFICANCE = 0.02
 Source: chosen; chance alone shows as much in one campaign of fifty.
 """
 
+CERTAIN_GAP = 1.0 / 150.0
+"""Probability of no gap up to which there is one, however rare its largest pattern is.
+
+Source: a Bayes factor of 150 is very strong evidence (Kass & Raftery 1995, J. Am. Stat. Assoc. 90,
+773). Few tests show no single pattern, and an explanation of all of them nevertheless.
+"""
+
 REGION_SIGNIFICANCE = 0.10
 """Probability of the opposite sign of the mean gap up to which a region is reported.
 
@@ -697,6 +704,12 @@ MAX_CAUSES_UNEXPLAINED = 3
 """Maximum number of causes reported where none of them explains the gap.
 
 Source: length of the report.
+"""
+
+WITHIN_CLASS_DEVIATIONS = 2.0
+"""Prior deviations of the error of a meter up to which an effect is no more than that error.
+
+Source: 95 % of the meters of a class are within.
 """
 
 INTERVAL_DEVIATIONS = 1.96

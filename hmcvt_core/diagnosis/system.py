@@ -211,7 +211,8 @@ class Effect(Protocol):
     with `name`, `unit`, `meaning`, `typical`, `low`, `high`, `grid` (the values tried of a shape,
     empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
     Of several sizes the first is fitted. An attribute `varied` may name base parameters, in
-    proportion to their scaled variables, that differ from point to point where the effect acts.
+    proportion to their scaled variables, that differ from point to point where the effect acts. An
+    attribute `shared_error` may name the error of a meter that the effect is a larger value of.
     """
 
     name: ClassVar[str]

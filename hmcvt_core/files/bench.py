@@ -192,8 +192,17 @@ class BenchSamples(_Columns):
         return f"sample {index + 1}"
 
     def select(self, index: ArrayLike) -> BenchSamples:
-        """Return the samples at an index array or mask, in that order."""
-        chosen = np.arange(len(self))[np.asarray(index)]
+        """Return the samples at an index array or mask, in that order.
+
+        Raises:
+            InputError: a mask is of another length, or an index does not exist.
+        """
+        try:
+            chosen = np.arange(len(self))[np.asarray(index)]
+        except IndexError as error:
+            raise InputError(
+                f"{self.source}: select of {len(self)} samples: {error}"
+            ) from None
         extra = {
             name: tuple(column[i] for i in chosen)
             for name, column in self.extra.items()

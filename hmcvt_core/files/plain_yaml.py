@@ -26,7 +26,7 @@ _DEEPEST = 20  # levels; libyaml ends the process at some ten thousand
 
 @contextmanager
 def named(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Put the path before every complaint."""
+    """Put the path before every message."""
     try:
         yield
     except InputError as error:

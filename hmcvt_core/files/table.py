@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Strict CSV with known names and no broken row; every complaint names its row.
+"""Strict CSV with known names and no broken row; every message names its row.
 
 Tables of any other form are read by `hmcvt_tools.tables`.
 """
@@ -51,7 +51,7 @@ class Table:
     sha256: str
 
     def numbers(self, name: str, optional: bool = False) -> Array:
-        """Plain numbers of a column; an `InputError` names the row of what is none."""
+        """Plain numbers of a column; an `InputError` names the row of what is no number."""
         values = np.empty(len(self.rows))
         for i, cell in enumerate(self.columns[name]):
             plain = cell

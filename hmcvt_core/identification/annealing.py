@@ -65,6 +65,9 @@ class Schedule:
         chains: independent chains.
         threshold: gamma of improvement (1): stop once the best value is below; None never.
         rounds: annealings one after the other, the later ones with the better half of the chains.
+        together: whether all trial points of a chain at one temperature are drawn from the point at
+            which that temperature begins, so that they are evaluated at once; else each is drawn
+            from the point that the one before has left.
 
     Raises:
         InputError: a setting is out of range.
@@ -78,6 +81,7 @@ class Schedule:
     chains: int = 1
     threshold: float | None = None
     rounds: int = 1
+    together: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.final_temperature < self.initial_temperature < math.inf:
@@ -104,7 +108,7 @@ class Schedule:
         return np.log(temperature / self.initial_temperature) / slower
 
 
-QUICK = Schedule(chains=8, moves=2)
+QUICK = Schedule(chains=8, moves=2, together=True)
 """Annealing enough where only what a local search makes of it counts."""
 
 
@@ -300,8 +304,9 @@ class _Chains:
         temperature = self._temperature[warm]
         best_before = self._best_values[warm]
         size = self._disturbance(step, temperature)
-        for _ in range(self._schedule.moves):
-            self._move(warm, temperature, size)
+        draws = self._schedule.moves if self._schedule.together else 1
+        for _ in range(self._schedule.moves // draws):
+            self._move(warm, temperature, size, draws)
         # Eq. (20): slower while the best value improves.
         improved = self._best_values[warm] < best_before
         self._temperature[warm] = temperature * np.where(
@@ -315,13 +320,29 @@ class _Chains:
         size = FRACTION_OF_WIDTH * (1.0 - i / (schedule.generations + 2.0))
         return np.asarray(size[:, None])
 
-    def _move(self, warm: NDArray[np.intp], temperature: Array, size: Array) -> None:
-        """Try one point per warm chain, and take it by the rule of Metropolis."""
-        random = self._rng.random((len(warm), len(self._domain))) - 0.5
+    def _move(
+        self, warm: NDArray[np.intp], temperature: Array, size: Array, draws: int
+    ) -> None:
+        """Draw trial points of each warm chain, and take them by the rule of Metropolis.
+
+        Args:
+            warm: chains that move.
+            temperature: of each, shape (m,).
+            size: disturbance of each, shape (m, 1).
+            draws: trial points of each.
+        """
+        random = self._rng.random((draws, len(warm), len(self._domain))) - 0.5
         # Eq. (19), along the axes of the domain.
         moved = self._points[warm] + size * (random @ self._domain.T)
-        trial = reflect(moved, self._box.low, self._box.high)
-        values = self._box(trial)
+        trials = reflect(moved, self._box.low, self._box.high)
+        values = self._box(trials.reshape(-1, trials.shape[-1]))
+        for trial, value in zip(trials, values.reshape(draws, -1), strict=True):
+            self._take(warm, temperature, trial, value)
+
+    def _take(
+        self, warm: NDArray[np.intp], temperature: Array, trial: Array, values: Array
+    ) -> None:
+        """Take trial points (m, d) with their values (m,) by the rule of Metropolis."""
         with np.errstate(invalid="ignore", over="ignore", under="ignore"):
             rise = values - self._values[warm]
             chance = np.exp(-np.maximum(rise, 0.0) / temperature)

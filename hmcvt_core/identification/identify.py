@@ -46,7 +46,7 @@ from .set_aside import Agreement, agreement
 
 SCHEDULES: Mapping[str, Schedule] = {
     # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
-    POWER_BALANCE.name: Schedule(chains=40, moves=2, rounds=6),
+    POWER_BALANCE.name: Schedule(chains=26, moves=4, rounds=4, together=True),
     # Regions without any answer: long chains, whose moves stay wide until (20) ends the run.
     PUBLISHED.name: Schedule(chains=16, moves=20, shrink=with_steps),
 }

@@ -6,12 +6,12 @@ import numpy as np
 from ..files.bench import BenchSamples
 from ..transmission.parameters import PARAMETER_NAMES, SEARCH_BOUNDS
 from ..transmission.ranges import Array
+from .criterion import slopes_within_bounds
 from .problem import Problem
 
 WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
 """Width of the bounds of each scaled parameter, shape (3,)."""
 
-_RELATIVE_STEP = 1e-6  # of the width, of the differences
 _MIN_SCATTER = 1e-3
 """Of the weighted residuals: samples without any would promise certainty."""
 _LEAKAGE_PRIOR = 10.0 ** SEARCH_BOUNDS[0, 1] / np.sqrt(12.0)
@@ -39,7 +39,8 @@ def precision(
     """
     residuals = (problem if scattered is None else scattered).residuals(scaled)
     scale = _scatter(residuals, problem.samples.efficiency_std is not None)
-    jacobian = _jacobian(problem, scaled)
+    # 0 without an answer.
+    jacobian = np.nan_to_num(slopes_within_bounds(problem.residuals, scaled))
     # The leakage is scaled by its logarithm.
     units = np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
     width = WIDTH / np.sqrt(12.0)
@@ -66,21 +67,11 @@ def degrees_of_freedom(samples: BenchSamples) -> float | None:
     return float(free)
 
 
-def _jacobian(problem: Problem, scaled: Array) -> Array:
-    """Differences of the residuals within the bounds, shape (n, 3); 0 without an answer."""
-    step = np.diag(_RELATIVE_STEP * WIDTH)
-    below = np.maximum(scaled - step, SEARCH_BOUNDS[:, 0])
-    above = np.minimum(scaled + step, SEARCH_BOUNDS[:, 1])
-    residuals = problem.residuals(np.vstack([below, above]))
-    rise = np.subtract(residuals[len(below) :], residuals[: len(below)])
-    return np.nan_to_num(rise / np.diag(above - below)[:, None]).T
-
-
 def _scatter(residuals: Array, stated: bool) -> float:
     """Standard deviation of weighted residuals (n,), in terms of the deviations assumed."""
     free = len(residuals) - len(PARAMETER_NAMES)
     scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
     if stated:
-        # Stated deviations are believed unless the residuals are larger.
+        # Stated deviations are taken as correct unless the residuals are larger.
         scatter = max(scatter, 1.0)
     return max(scatter, _MIN_SCATTER)

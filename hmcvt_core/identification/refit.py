@@ -9,7 +9,7 @@
 3. `cross_validation`: whether the refit predicts samples that it has not seen as well as the model
    in service does.
 4. `_CHECKS`: the first objection keeps the refit from service, see `Refit.refused`.
-5. `_DOUBTS`: what a person has to decide, see `Refit.doubt`. Whoever controls most of the samples
+5. `_DOUBTS`: what a person has to decide, see `Refit.doubt`. A sender of most of the samples
    controls the refit, so that a change beyond wear, or a contradiction among the samples, is not
    adopted by a program.
 """
@@ -384,7 +384,7 @@ def _with_misfit(
     return with_misfit(model, samples.select(counted), all_folds[counted], others)
 
 
-# --- what speaks against a refit ------------------------------------------------------------------
+# --- what contradicts a refit-- ------------------------------------------------------------------
 
 
 def _no_majority(candidate: _Candidate) -> str | None:
@@ -525,7 +525,7 @@ def _trend(candidate: _Candidate) -> str | None:
 def _more_scatter(candidate: _Candidate) -> str | None:
     """Object to samples that scatter more than those that the model in service was fitted to.
 
-    Samples of two units look like this where the units differ too little to be told apart one by
+    Samples of two units look like this where the units differ too little to be distinguished one by
     one.
     """
     provenance = candidate.served.provenance

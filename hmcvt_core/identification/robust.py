@@ -264,9 +264,14 @@ class RobustProblem(Problem):
 
     def _concentrated(self, change: Array) -> Array:
         """Fit the better half of the samples, and again the better half under that fit."""
+        fitted = None
         for _ in range(_CONCENTRATIONS):
             residuals = self.residuals(change)
-            half = self.votes * self.better_half(residuals)
+            better = self.better_half(residuals)
+            if fitted is not None and (better == fitted).all():
+                break
+            fitted = better
+            half = self.votes * better
             weights = half / self.scatter(residuals, half) ** 2
             change = self.least_squares(change, weights)
         return change

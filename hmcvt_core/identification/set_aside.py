@@ -20,7 +20,7 @@ from .robust import RobustProblem
 MAX_SET_ASIDE = 1.0 / 3.0
 """Of the samples; with more no majority is to be trusted."""
 _FEWEST_LEFT = 2 * len(PARAMETER_NAMES)
-"""Operating points that show which sample disagrees: with fewer a fit bends to any of them."""
+"""Operating points that show which sample disagrees: with fewer a fit follows any of them."""
 _MAX_NAMED = 20
 
 

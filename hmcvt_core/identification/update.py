@@ -65,7 +65,7 @@ class Update:
             ratio = student.isf(_TAIL, free) / significance
             part = np.maximum(0.0, 1.0 - ratio**2)
         if part.any() and not problem.prior.stated:
-            # Nothing but these samples speaks for a model without errors, and they refute it: the
+            # Nothing but these samples supports a model without errors, and they refute it: the
             # most probable parameters are taken, with the wear as prior.
             part = np.maximum(part, information / (1.0 + information))
         return cls(scatter, directions, information, steps, part)
@@ -110,7 +110,7 @@ class Update:
         return np.asarray(to_parameters @ in_steps @ to_parameters.T)
 
     def kept(self, prior: Prior) -> tuple[str, ...]:
-        """Return a sentence for each parameter that stays, for the most part, as it is."""
+        """Return a sentence for each parameter that stays mostly as it is."""
         share = (prior.root @ self.directions) ** 2
         followed = share @ self.part / share.sum(axis=1)
         sentences = []

@@ -205,8 +205,8 @@ class Engine:
     def _interpolated(self, speed: Array, torque: Array) -> Array:
         """Return fuel between the two speeds of the table next to each point, at equal torque.
 
-        A line of equal load would bend the Willans line of an engine between its speeds. Fuel per
-        revolution bends less over speed than fuel does: friction torque grows with the square of
+        A line of equal load would curve the Willans line of an engine between its speeds. Fuel per
+        revolution curves less over speed than fuel does: friction torque grows with the square of
         the speed, the power that it takes with the cube.
 
         Args:
@@ -291,7 +291,9 @@ def _grouped(speed: Array) -> Array:
     for number in range(int(setting[-1]) + 1):
         rows = order[setting == number]
         if np.ptp(speed[rows]) > _WIDEST_SETTING:
-            return speed  # settings are so near each other that none is told apart
+            return (
+                speed  # settings are so near each other that none can be distinguished
+            )
         grouped[rows] = speed[rows].mean() if np.ptp(speed[rows]) else speed[rows]
     return grouped
 

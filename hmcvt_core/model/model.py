@@ -662,7 +662,7 @@ class EfficiencyModel:
         stage: str | None = None,
         oil_temperature: float | None = None,
     ) -> Optimum:
-        """Displacement ratio (and engine speed) that wastes least.
+        """Displacement ratio (and engine speed) that loses least.
 
         Args:
             engine_speed: now [rad/s].
@@ -704,12 +704,18 @@ class EfficiencyModel:
         torque_reserve: float = 0.0,
         stage: str | None = None,
         hysteresis: float = 0.0,
+        inside_domain: bool = False,
         oil_temperature: float | None = None,
     ) -> DriveOptimum:
         """Stage, engine speed and displacement ratio of least fuel; see `drive_optimum`.
 
+        With `inside_domain`, only within the data that the model was identified from.
         `oil_temperature` holds at every point [deg C]; only effects read it.
         """
+        if inside_domain and self.domain is None:
+            raise InputError(
+                "inside_domain: the model does not state the range of its data"
+            )
         oil = _checked_oil(oil_temperature)
         stages = {
             name: model.balance(NO_OPTIMUM).at_oil_temperature(oil)
@@ -724,6 +730,7 @@ class EfficiencyModel:
             torque_reserve,
             stage,
             hysteresis,
+            self.domain if inside_domain else None,
         )
 
     def efficiency_map(
@@ -796,6 +803,13 @@ class EfficiencyModel:
             Shape (..., n); NaN where the formulation has no answer.
         """
         rows = values.reshape(-1, values.shape[-1])
+        if (
+            points.stage is None
+            and len(rows) * points.engine_speed.size <= ranges.CHUNK
+        ):
+            # An annealing asks hundreds of times: without the detour over stages and chunks.
+            solver = self._solver_of(Candidates(*rows.T[:, :, None]))
+            return solver.solve(points).efficiency.reshape(*values.shape[:-1], -1)
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
             model = self.in_stage(name)

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The working point that wastes least, of one stage or of the whole drive line.
+"""The working point that loses least, of one stage or of the whole drive line.
 
 At a held engine speed the best displacement ratio lies next to the full-mechanical point, eps = 0.
 What a tractor wants is the best pair (engine speed, displacement ratio) at the output speed and
@@ -25,6 +25,7 @@ from ..physics.regimes import Senses
 from ..transmission import ranges
 from ..transmission.ranges import Array, OperatingPoints, Range
 from ..transmission.stage import speed_ratio
+from .domain import Domain
 from .engine import Engine
 
 Limits = tuple[float, float]
@@ -338,6 +339,7 @@ class Line:
     output_power: float
     engine: Engine | None = None
     reserve: float = 0.0
+    strokes: Limits = (-1.0, 1.0)
 
     def state(self, speed: Array) -> tuple[Array, Array]:
         """Displacement ratio and engine torque; NaN where the stage cannot hold the demand."""
@@ -347,7 +349,8 @@ class Line:
             self.output_power / speed,
             senses=Senses(1 if self.output_speed > 0.0 else -1, 1),
         )
-        within = np.fmin(np.fmax(stroke, -1.0), 1.0)
+        lowest, highest = self.strokes
+        within = np.fmin(np.fmax(stroke, lowest), highest)
         return within, np.where(np.abs(stroke - within) < EDGE, torque, np.nan)
 
     def cost(self, speed: Array) -> Array:
@@ -397,7 +400,7 @@ class Line:
         load = self.output_power / speed
         limit = _limit("engine_speed", speed, low, high)
         if limit is None:
-            limit = _limit("displacement_ratio", stroke, -1.0, 1.0)
+            limit = _limit("displacement_ratio", stroke, *self.strokes)
         fuel = math.nan
         if self.engine is not None:
             fuel = self.engine.fuel_rate(speed, torque)
@@ -433,6 +436,7 @@ def drive_optimum(
     torque_reserve: float,
     stage: str | None,
     hysteresis: float,
+    domain: Domain | None = None,
 ) -> DriveOptimum:
     """Find stage, engine speed and displacement ratio of least fuel at a held output.
 
@@ -445,17 +449,15 @@ def drive_optimum(
         engine_speed_limits: lowest and highest engine speed allowed [rad/s].
         torque_reserve: part of the full-load torque to keep [-].
         stage: engaged now, which is kept unless another saves more than the part `hysteresis`.
+        hysteresis: that part, 0 to 1 [-].
+        domain: within which the working point has to lie; None for anywhere.
 
     Raises:
         InputError: input is out of range, or the stage is not known.
     """
-    held = float(ranges.OUTPUT_SPEED.check(abs(output_speed))) * math.copysign(
-        1.0, output_speed
-    )
-    power, reserve = (
-        float(OUTPUT_POWER.check(output_power)),
-        float(_PART.check(torque_reserve)),
-    )
+    held = _one_number(ranges.OUTPUT_SPEED, output_speed)
+    power = _one_number(OUTPUT_POWER, output_power)
+    reserve = _one_number(_PART, torque_reserve)
     low, high = ranges.ENGINE_SPEED.check(
         engine_speed_limits, "engine_speed_limits"
     ).tolist()
@@ -466,14 +468,39 @@ def drive_optimum(
             f"engine_speed_limits = {low:g}, {high:g}: nothing lies between them and "
             "the speeds of the engine"
         )
-    kept = float(HYSTERESIS.check(hysteresis))
+    kept = _one_number(HYSTERESIS, hysteresis)
     if stage is not None and stage not in stages:
         raise InputError(f"stage = {stage!r}; there is {', '.join(stages)}")
+    strokes = (-1.0, 1.0)
+    if domain is not None:
+        strokes = domain.displacement_ratio
+        low, high = _speeds_inside(domain, power, low, high)
+        if not low < high:
+            return DriveOptimum(None)
     lines = {
-        name: Line(solver, held, power, engine, reserve)
+        name: Line(solver, held, power, engine, reserve, strokes)
         for name, solver in stages.items()
     }
     return _best(lines, low, high, stage, kept)
+
+
+def _one_number(limits: Range, value: object) -> float:
+    """Return a value in range as a float; a text, a truth value or an array is refused."""
+    is_number = not isinstance(value, (str, bytes, bool)) and np.ndim(value) == 0  # type: ignore[arg-type]
+    if not is_number:
+        raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
+    return float(limits.check(value))  # type: ignore[arg-type]
+
+
+def _speeds_inside(domain: Domain, power: float, low: float, high: float) -> Limits:
+    """Return the engine speeds at which speed and load torque lie inside a domain [rad/s]."""
+    lowest, highest = domain.engine_speed
+    least_load, most_load = domain.load_torque
+    low = max(low, lowest, power / most_load)
+    high = min(high, highest)
+    if least_load > 0.0:
+        high = min(high, power / least_load)
+    return low, high
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")

@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 r"""Broyden's method for many small systems x = g(x) at once.
 
-Every point is a system of its own with the same number of unknowns. The first step is that of a
+Every point is a separate system with the same number of unknowns. The first step is that of a
 fixed-point iteration, g(x) - x; each further step is bent by what the earlier ones have shown:
 
 .. math:: s_{k+1} = \frac{s'}{1 - s'^T s_k / |s_k|^2}, \qquad
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _MEMORY = 8
-"""Steps that are remembered; then the method starts anew from where it is."""
+"""Steps that are remembered; then the method starts again from where it is."""
 _ROUNDS = 5
 """How often it starts, at most."""
 _TOLERANCE = 1e-7
@@ -78,7 +78,7 @@ def broyden(
     """Solve x = function(*x) at n points.
 
     Args:
-        function: takes the unknowns, each of shape (..., n), and gives them anew, stacked.
+        function: takes the unknowns, each of shape (..., n), and returns their next values stacked.
         first: where to start, shape (unknowns, ..., n).
         scale: typical size of each unknown, broadcasts to `first`.
         longest_step: longest change of an unknown in one step, in scales.

@@ -121,7 +121,7 @@ def efficiencies(
 def is_consistent(
     values: PublishedEfficiency, displacement_ratio: Array
 ) -> NDArray[np.bool_]:
-    """Tell where the formulas agree with themselves.
+    """Return where the formulas agree with themselves.
 
     Power circulates (e_H < 0) exactly where the hydraulic share a_1 of the engine power is
     negative; beyond the pole of (11) the two contradict. At eps = 0 the paper's convention

@@ -41,7 +41,7 @@ Two limits of the closed form, both output-coupled:
 * Pole. At h c e = 1 the flow that the motor takes equals the flow that the row feeds back to the
   pump, and eq. (5) has a pole. Beyond it no speed follows from the flow: there is no answer.
 * Pump turned backward. In fast overrun the row turns the pump backward (z < 0). Its friction and
-  the direction of power in its gears change sign with it, so these are regimes of their own. In a
+  the direction of power in its gears change sign with it, so these are separate regimes. In a
   narrow strip between them friction holds the pump at rest; the closed form has no answer there.
 
 The sense of the output is that of the torque that acts on it at standstill without load. Where this

@@ -364,7 +364,7 @@ class Shafts(SteadyState):
         solution = broyden(improved, start, scales, restricted=improved_at)
         solution = retried(solution, estimate)
         if closed_form_pressure is not None:
-            # Next to the pole the torques hardly determine a pressure, but the flow does.
+            # Next to the pole the torques barely determine a pressure, but the flow does.
             solution = retried(solution, closed_form_pressure)
         return solution
 

@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a transmission is: gear train, pump-motor pair, hydraulic parameters, ranges."""
+"""Description of a transmission: registry of quantities, gear train, hydraulic parameters."""

@@ -335,6 +335,8 @@ QUANTITIES: tuple[Quantity, ...] = (
             misfit_spread=0.0004,
             served=False,
         ),
+        # Time base and mounting of an encoder; chosen, half of the scatter of a reading.
+        gauge=Gauge("speed meter", gain=0.0005, by_session=True),
     ),
     Quantity(
         name="oil_temperature",

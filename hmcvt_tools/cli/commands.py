@@ -31,7 +31,7 @@ COMMANDS = {
         "point:predict",
         "predict the efficiency at a point or at every sample of a file",
     ),
-    "optimum": ("point:optimum", "find the displacement ratio that wastes least"),
+    "optimum": ("point:optimum", "find the displacement ratio that loses least"),
     "map": (
         "map:command",
         "write the efficiency over displacement ratio, engine speed and load",
@@ -42,7 +42,7 @@ COMMANDS = {
     ),
     "breakdown": ("point:breakdown", "show where the watts go"),
     "diagnose": ("gap:diagnose", "diagnose the gap between model and bench"),
-    "next": ("gap:next_test", "choose the bench test that tells most about a gap"),
+    "next": ("gap:next_test", "choose the bench test that reveals most about a gap"),
     "watch": ("gap:watch", "report whether a gap has opened, since when and how large"),
     "estimate": (
         "estimate:command",
@@ -67,6 +67,10 @@ COMMANDS = {
         "export:command",
         "write the model as C, as an FMU or as maps for MATLAB",
     ),
+    "page": (
+        "page:command",
+        "write a page with sliders, map, optimum and losses",
+    ),
     "transmission": (
         "transmission:group",
         "write a transmission file from gear ratios, and check one",
@@ -75,7 +79,15 @@ COMMANDS = {
 """Module and name of each command, and what it does."""
 
 SECTIONS = {
-    "Model": ("identify", "predict", "optimum", "map", "breakdown", "transmission"),
+    "Model": (
+        "identify",
+        "predict",
+        "optimum",
+        "map",
+        "breakdown",
+        "page",
+        "transmission",
+    ),
     "Gap between model and bench": (
         "study",
         "diagnose",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from typing import Any
@@ -40,17 +40,12 @@ _CHANNELS = (
 """Quantities of a log that an option may name."""
 
 
-def _channel_options() -> Callable[[common.Function], common.Function]:
-    made = []
-    for quantity in _CHANNELS:
-        made.append(
-            click.option(
-                common.flag(quantity),
-                metavar="CHANNEL[:UNIT]",
-                help=f"Channel of the {quantity.replace('_', ' ')}.",
-            )
-        )
-    return common.options(*made)
+_channel_options = common.options(
+    *(
+        logs.quantity_option(name, f"Channel of the {name.replace('_', ' ')}.")
+        for name in _CHANNELS
+    )
+)
 
 
 @common.command(
@@ -82,7 +77,7 @@ def _channel_options() -> Callable[[common.Function], common.Function]:
     metavar="MAP.csv",
     help="Write hours and energies by operating point.",
 )
-@_channel_options()
+@_channel_options
 @click.option(
     "--mapping",
     metavar="FILE.yaml",
@@ -161,12 +156,7 @@ def command(
     scheduler: str | None,
     picture: str | None,
     params: str | None,
-    dbc: str | None,
-    reference_torque: float | None,
-    friction_torque: float | None,
-    stage_names: str | None,
-    group: str | None,
-    **channels: str | None,
+    **channels: Any,
 ) -> Answer:
     """Estimate output torque and power, losses and efficiency from the log of a machine.
 
@@ -176,15 +166,9 @@ def command(
     """
     common.one_of("say where to work", processes=processes, scheduler=scheduler)
     machine_logs = logs_in(paths)
-    inputs = [*paths, dbc, mapping, engine, params]
+    given = logs.taken_from(channels)
+    inputs = [*paths, given["dbc"], mapping, engine, params]
     common.keep_inputs(inputs, [out, map_file, picture])
-    given = {
-        "dbc": dbc,
-        "reference_torque": reference_torque,
-        "friction_torque": friction_torque,
-        "stage_names": stage_names,
-        "group": group,
-    }
     stated, dbc, _ = logs.stated_by(mapping, channels, given)
     low, high = _power_range(hydraulics)
     job = Job(

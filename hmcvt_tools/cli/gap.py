@@ -4,6 +4,7 @@
 from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -187,7 +188,7 @@ def _contents(diagnosis: Diagnosis) -> str:
 def next_test(
     bench: str, params: str | None, noise: float | None, limits: str | None, seed: int
 ) -> Answer:
-    """Choose the next bench test, the one that tells most about the gap, or say why to stop."""
+    """Choose the next bench test, the one that reveals most about the gap, or say why to stop."""
     model = common.model_from(params)
     possible = None
     if limits is not None:
@@ -258,11 +259,7 @@ def watch(
     noise: float | None,
     false_alarms: float,
     engine: str | None,
-    dbc: str | None,
-    reference_torque: float | None,
-    friction_torque: float | None,
-    stage_names: str | None,
-    group: str | None,
+    **of_logs: Any,
 ) -> Answer:
     """Report whether a gap has opened between model and bench, since when and how large.
 
@@ -272,16 +269,9 @@ def watch(
     Exit code 4 when a gap has opened, else 0.
     """
     model = common.model_from(params)
-    of_logs = {
-        "dbc": dbc,
-        "reference_torque": reference_torque,
-        "friction_torque": friction_torque,
-        "stage_names": stage_names,
-        "group": group,
-    }
     if is_log(samples):
         return logs.watch_command(samples, model, engine, noise, false_alarms, of_logs)
-    logs.refuse_options_of_logs({**of_logs})
+    logs.refuse_options_of_logs(of_logs)
     if engine is not None:
         raise click.UsageError("--engine is for the log of a machine")
     opening = watch_samples(

@@ -25,6 +25,10 @@ from .common import Answer
 _STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 
 
+_HIDDEN = ("torque_loss", "engine_power", "efficiency_std")
+"""Quantities whose options are not in --help: a question names them where one is needed."""
+
+
 def _quantity_options() -> Callable[[common.Function], common.Function]:
     """Return one option for each quantity, and one for the stage."""
     made = []
@@ -33,15 +37,11 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
         meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
         if quantity.name == "stamp":
             meaning = f"{meaning}, {_STAMP_UNITS}"
-        made.append(_quantity_option(quantity.name, f"{meaning}. [{units}]"))
-    made.append(_quantity_option("stage", "Stage engaged, as text."))
+        text = f"{meaning}. [{units}]"
+        hidden = quantity.name in _HIDDEN
+        made.append(logs.quantity_option(quantity.name, text, hidden=hidden))
+    made.append(logs.quantity_option("stage", "Stage engaged, as text."))
     return common.options(*made)
-
-
-def _quantity_option(quantity: str, text: str) -> Callable[[Any], Any]:
-    """Return the option that names the column of a quantity."""
-    name = f"--{quantity.replace('_', '-')}"
-    return click.option(name, metavar="COLUMN[:UNIT]", help=text)
 
 
 @common.command(
@@ -130,12 +130,7 @@ def command(
     skip_bad: bool,
     averaged: bool,
     unchecked: bool,
-    dbc: str | None,
-    reference_torque: float | None,
-    friction_torque: float | None,
-    stage_names: str | None,
-    group: str | None,
-    **given: str | None,
+    **given: Any,
 ) -> Answer:
     """Turn the table or the log of your bench into bench samples.
 
@@ -148,13 +143,7 @@ def command(
     """
     inputs = [raw] if mapping is None else [raw, mapping]
     common.keep_inputs(inputs, [out] if save_mapping is None else [out, save_mapping])
-    of_logs = {
-        "dbc": dbc,
-        "reference_torque": reference_torque,
-        "friction_torque": friction_torque,
-        "stage_names": stage_names,
-        "group": group,
-    }
+    of_logs = logs.taken_from(given)
     if is_log(raw):
         return logs.import_command(
             raw, out, mapping, save_mapping, yes, unchecked, given, of_logs

@@ -32,9 +32,6 @@ OPEN = 4
 SETTINGS = ("dbc", "reference_torque", "friction_torque", "stage_names", "group")
 """Settings of a log that a mapping file holds besides its columns."""
 
-_TABLE_ONLY = ("header_row", "names", "sheet", "decimal")
-"""Settings of a mapping file that concern tables."""
-
 options_of_logs = common.options(
     click.option(
         "--dbc",
@@ -64,6 +61,24 @@ options_of_logs = common.options(
         help="Group, run or bus of a log that is read, where several hold the same channels.",
     ),
 )
+
+
+def quantity_option(quantity: str, text: str, *, hidden: bool = False) -> common.Option:
+    """Return the option that names the column or channel of a quantity.
+
+    Args:
+        quantity: its name.
+        text: of --help.
+        hidden: from --help, for a quantity that few tables hold.
+    """
+    return click.option(
+        common.flag(quantity), metavar="NAME[:UNIT]", help=text, hidden=hidden
+    )
+
+
+def taken_from(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of the options of logs, and remove them from all options."""
+    return {name: options.pop(name) for name in SETTINGS}
 
 
 def stage_names_of(text: str | None) -> dict[str, str]:

@@ -30,8 +30,8 @@ def _noise(
 @common.command(
     "diagnose-system",
     """
-  hmcvt diagnose-system examples/electric_drive.py:DRIVE data/electric_drive.csv
-  hmcvt diagnose-system examples/electric_drive.py:DRIVE data/electric_drive.csv \
+  hmcvt diagnose-system examples/electric_drive.py:system data/electric_drive.csv
+  hmcvt diagnose-system examples/electric_drive.py:system data/electric_drive.csv \
     --noise battery_power=15 --noise phase_current=0.15 --report drive.html""",
     common.report_option,
     common.picture_option,

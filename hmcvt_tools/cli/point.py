@@ -23,7 +23,7 @@ from . import common
 from .common import Answer, Point, domain_lines, point_from
 
 _NOT_HELD = "the output speed and power cannot be held within the engine speed limits"
-_DRIVE_LINE_OPTIONS = ("engine", "torque_reserve", "hysteresis")
+_DRIVE_LINE_OPTIONS = ("engine", "torque_reserve", "hysteresis", "inside_domain")
 _TURNING = (None, DRAGGED)
 """Refusals with which the output shaft turns at a known speed: none, and overrun."""
 
@@ -224,10 +224,16 @@ def breakdown(
 @click.option(
     "--hysteresis",
     type=common.fraction,
-    help="Keep --stage unless another saves more than this part.",
+    help="Keep --stage unless another saves more than this part, 0 to 1.",
+)
+@click.option(
+    "--inside-domain",
+    is_flag=True,
+    default=None,
+    help="Only points within the data that the model was identified from.",
 )
 def optimum(params: str | None, stage: str | None, **given: Any) -> Answer:
-    """Find the displacement ratio that wastes least, or the drive line's best working point."""
+    """Find the displacement ratio that loses least, or the drive line's best working point."""
     limits = given["engine_speed_limits"] or ENGINE_SPEED_LIMITS
     if given["engine_speed"] is None:
         return _of_drive_line(common.model_from(params), stage, limits, given)
@@ -262,11 +268,14 @@ def _of_drive_line(
         torque_reserve=given["torque_reserve"] or 0.0,
         stage=stage,
         hysteresis=given["hysteresis"] or 0.0,
+        inside_domain=bool(given["inside_domain"]),
     )
     if best.stage is None:
         reason = _NOT_HELD
         if engine is not None:
             reason += " and the full-load curve of the engine"
+        if given["inside_domain"]:
+            reason += " inside the domain of the model"
         reason += _reverse_hint(model, speed)
         raise HmcvtError(f"no working point: {reason}")
     result = asdict(best)

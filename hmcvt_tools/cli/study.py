@@ -47,9 +47,9 @@ PAGE = "index.html"
 @common.command(
     "study",
     """
-  hmcvt study bench.csv my_transmission.yaml --noise 0.25% --out study
-  hmcvt study table.xlsx gears.yaml --averaged --out study
-  hmcvt study later.csv gears.yaml --baseline sound.csv --out year""",
+  hmcvt study data/three_stages.csv stages.yaml --noise 0.25% --out study
+  hmcvt study TABLE.xlsx GEARS.yaml --averaged --out study
+  hmcvt study LATER.csv GEARS.yaml --baseline SOUND.csv --out year""",
     common.noise_option,
     common.seed_option,
 )
@@ -265,7 +265,7 @@ class _Study:
         return diagnosis
 
     def export(self, model: EfficiencyModel) -> None:
-        """Write the model handed over as C and as an FMU."""
+        """Write the saved model as C and as an FMU."""
         files = self._write(
             "c",
             "C99 with a self-test, for a controller",

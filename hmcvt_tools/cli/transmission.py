@@ -315,8 +315,8 @@ def _report(check: TransmissionCheck) -> str:
 @common.command(
     "signs",
     """
-  hmcvt transmission signs bench.csv --transmission gears.yaml --out corrected.csv
-  hmcvt transmission signs bench.csv --params model.yaml --json""",
+  hmcvt transmission signs stages.csv --transmission stages.yaml --out corrected.csv
+  hmcvt transmission signs stages.csv --params stages_model.yaml --json""",
 )
 @click.argument("bench", metavar="BENCH.csv")
 @click.option(

@@ -3,7 +3,7 @@
 
 Leakage follows the reciprocal of the viscosity, the dampings its power between those of rolling
 and of full films (as effect `oil_temperature`). The load moves in proportion to the parameters, to
-first order; an oil of another grade or a film of its own is what the widening stands for.
+first order; an oil of another grade or a separate film is what the widening stands for.
 """
 
 from __future__ import annotations

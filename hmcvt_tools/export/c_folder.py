@@ -12,6 +12,7 @@ from .a2l import a2l_text
 from .c_model import MODEL_HEADER, MODEL_SOURCE, CModel, c_model, template
 from .effect_tables import BOUND, TABLES_REMARK, Accuracy
 from .folder import require_new, write_folder
+from .stage_choice import stage_choice_files
 from .vectors import TABLE_TOLERANCE, vectors_csv
 
 CHECK_SOURCE = "check.c"
@@ -69,6 +70,7 @@ def _files(model: EfficiencyModel, code: CModel, precision: str) -> dict[str, st
         VECTORS: vectors,
         A2L: a2l_text(model, precision),
         README: _readme(model, code, precision, vectors.count("\n") - 2),
+        **stage_choice_files(model, code.accuracy is not None),
     }
 
 

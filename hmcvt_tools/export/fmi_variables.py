@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.optimum import HYSTERESIS, OUTPUT_POWER
 from hmcvt_core.transmission import ranges
 from hmcvt_core.transmission.parameters import PARAMETER_RANGES
 from hmcvt_core.transmission.ranges import Range
@@ -76,6 +77,9 @@ class Variable:
 _START_STROKE = 1.0
 _START_SPEED = 150.0  # [rad/s]
 _START_LOAD = 50.0  # [N m]
+_START_OUTPUT_SPEED = 100.0  # [rad/s]
+_START_OUTPUT_POWER = 40e3  # [W]
+_HYSTERESIS = 0.02  # [-]
 
 
 def fmu_variables(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
@@ -90,6 +94,8 @@ def fmu_variables(model: EfficiencyModel, has_tables: bool) -> list[Variable]:
         *_inputs(model, has_tables),
         *_outputs(),
         *_parameters(model),
+        # Last: the value references of the variables above stay.
+        *_stage_choice(has_tables),
     ]
 
 
@@ -183,6 +189,73 @@ def _outputs() -> Sequence[Variable]:
             BOOLEAN,
             "output",
             "Whether data of the identification cover the point",
+        ),
+    )
+
+
+def _stage_choice(has_tables: bool) -> Sequence[Variable]:
+    """Return the demand and the choice of the stage, engaged is the input `stage`."""
+    speed = TABLE_SPEED if has_tables else ranges.ENGINE_SPEED
+    low, high = ranges.ENGINE_SPEED_LIMITS
+    fastest = ranges.OUTPUT_SPEED.high
+    return (
+        Variable(
+            "demanded_output_speed",
+            REAL,
+            "input",
+            "Output speed to hold, negative backward; for optimal_stage",
+            SPEED,
+            _START_OUTPUT_SPEED,
+            (-fastest, fastest),
+        ),
+        Variable(
+            "demanded_output_power",
+            REAL,
+            "input",
+            "Output power to hold; for optimal_stage",
+            POWER,
+            _START_OUTPUT_POWER,
+            _ends(OUTPUT_POWER),
+        ),
+        Variable(
+            "hysteresis",
+            REAL,
+            "parameter",
+            "Part of the engine power that another stage has to save",
+            PLAIN,
+            _HYSTERESIS,
+            _ends(HYSTERESIS),
+        ),
+        Variable(
+            "lowest_engine_speed",
+            REAL,
+            "parameter",
+            "Limit of optimal_engine_speed",
+            SPEED,
+            low,
+            _ends(speed),
+        ),
+        Variable(
+            "highest_engine_speed",
+            REAL,
+            "parameter",
+            "Limit of optimal_engine_speed",
+            SPEED,
+            high,
+            _ends(speed),
+        ),
+        Variable(
+            "optimal_stage",
+            INTEGER,
+            "output",
+            "Stage of the least engine power at the demand; -1 where none holds it",
+        ),
+        Variable(
+            "optimal_engine_speed",
+            REAL,
+            "output",
+            "Its engine speed; NaN where no stage holds the demand",
+            SPEED,
         ),
     )
 

@@ -31,8 +31,10 @@ from .fmi_description import (
     fmi3_description,
 )
 from .fmi_variables import Variable, fmu_variables
+from .stage_choice import stage_choice_sources
 
 VERSIONS = (2, 3)
+_IDENTIFIER = "hmcvt_"
 _UNIT_HEADER = "hmcvt_unit.h"
 _UNIT_SOURCE = "hmcvt_unit.c"
 _NAMESPACE = uuid.UUID("6f0cf6b3-5d0f-4a0c-9c53-0d7d4c3cf1b5")
@@ -85,7 +87,7 @@ def _content(
 ) -> bytes:
     """Return the archive of a model, which FMPy finds valid."""
     variables = fmu_variables(model, code.accuracy is not None)
-    identifier = f"hmcvt_{model.fingerprint}"
+    identifier = f"{_IDENTIFIER}{model.fingerprint}"
     texts = _sources(code, variables, identifier, fmi)
     names = [name for name in texts if name.endswith(".c")]
     identity = Identity(_token(texts), identifier, _description(model, code))
@@ -128,11 +130,12 @@ def _sources(
     starts = {}
     for reference, variable in enumerate(variables):
         references.append(f"    {variable.name.upper()} = {reference}")
-        if variable.causality == "input":
+        if variable.start is not None:
             starts[f"start_{variable.name}"] = repr(variable.start)
     texts = {
         MODEL_HEADER: code.header,
         MODEL_SOURCE: code.source,
+        **stage_choice_sources(identifier.removeprefix(_IDENTIFIER)),
         _UNIT_SOURCE: template(_UNIT_SOURCE).substitute(starts),
         f"fmi{fmi}.c": template(f"fmi{fmi}.c").substitute(identifier=identifier),
     }

@@ -2,7 +2,7 @@
 """Maps of every stage on a grid, for lookup tables.
 
 Look up the loss and work out the efficiency from it: the loss is nearly straight over the load,
-where the efficiency bends down to zero.
+where the efficiency falls to zero.
 """
 
 from collections.abc import Mapping, Sequence

@@ -153,7 +153,7 @@ def _is_close(
 
 
 def _is_smooth(model: EfficiencyModel, points: OperatingPoints) -> Any:
-    """Return where the answer hardly changes with the point."""
+    """Return where the answer barely changes with the point."""
     efficiency = model.solution_at(points).efficiency
     smooth = np.ones(efficiency.shape, dtype=bool)
     for factor in (1.0 - _NUDGE, 1.0 + _NUDGE):

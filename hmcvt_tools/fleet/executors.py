@@ -36,10 +36,10 @@ Sent = TypeVar("Sent")
 Result = TypeVar("Result")
 _CONNECT = 10.0  # seconds
 _AHEAD = 256
-"""Logs handed over to a cluster: enough that no worker waits, few enough for the memory."""
+"""Logs submitted to a cluster: enough that no worker waits, few enough for the memory."""
 
 _AT_A_TIME = 32
-"""Logs handed over at a time, so that outcomes arrive while a large fleet is still being read."""
+"""Logs submitted at a time, so that outcomes arrive while a large fleet is still being read."""
 
 _FILES = 10  # pipes and semaphores that a process of this machine needs
 
@@ -93,7 +93,7 @@ def _outcomes(
         executor: does the work.
         study: returns the result of a log.
         tasks: key and what is sent.
-        ahead: tasks handed over at most.
+        ahead: maximum number of tasks submitted.
     """
     pending: dict[futures.Future[Result | str], tuple[Key, Sent]] = {}
     while True:
@@ -157,7 +157,7 @@ class Processes(futures.ThreadPoolExecutor):
         count: number of processes.
 
     Attributes:
-        ahead: pieces of work handed over, enough that no process waits.
+        ahead: pieces of work submitted, enough that no process waits.
     """
 
     def __init__(self, count: int) -> None:

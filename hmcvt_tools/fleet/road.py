@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -125,7 +124,7 @@ def estimate_together(
     notes: dict[str, Sequence[str]] = {}
     broken: dict[str, str] = {}
     tasks = ((str(path), str(path.resolve())) for path in paths)
-    outcomes = study_all(partial(_estimate_one, job), tasks, executor)
+    outcomes = study_all(job.run, tasks, executor)
     for done, (name, outcome) in enumerate(outcomes, 1):
         if isinstance(outcome, str):
             broken[name] = outcome if name in outcome else f"{name}: {outcome}"
@@ -157,11 +156,6 @@ def _joined_notes(notes: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
             where = f"{len(logs)} logs, {logs[0]} to {logs[-1]}"
         joined.append(f"{where}: {line}")
     return tuple(joined)
-
-
-def _estimate_one(job: Job, path: str) -> Estimate:
-    """Estimate one log; runs in a worker."""
-    return job.run(path)
 
 
 def _part(percent: float | None) -> float | None:

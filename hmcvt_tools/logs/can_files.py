@@ -44,7 +44,7 @@ _SCANNED_LINES = 2000
 _ABSOLUTE_FROM = 1e8
 """Stamps from here on are seconds since 1970 [s]; a machine does not record for three years."""
 _FEWEST_LINES = 20
-"""Frames from which differences can be told from times since the first frame."""
+"""Frames from which differences can be distinguished from times since the first frame."""
 _CUT_OFF = "cut off; what is before is used"
 _BLF_SIZE = struct.Struct("<16xQ")
 """Where a BLF file states its size: behind signature, size of the header and versions."""

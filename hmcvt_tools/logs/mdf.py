@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import math
 import traceback
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,8 @@ import numpy as np
 from hmcvt_core.errors import InputError
 
 from .can_files import BATCH
-from .series import (
-    Channel,
-    InGroup,
-    Log,
-    Remarks,
-    Series,
-    groups_with,
-    in_windows,
-    listed_names,
-    of_group,
-    piece_readings,
-    rising,
-)
+from .grouped import GroupedLog, InGroup
+from .series import Channel, Remarks, Series, in_windows, listed_names
 from .signals import BUS_NAME, BYTES, Frames
 
 SUFFIXES = (".mf4", ".mdf", ".dat")
@@ -67,7 +56,7 @@ def open_mdf(path: Path) -> Any:
 
 
 def _release(error: Exception) -> None:
-    """Let an object of asammdf that was not opened be deleted without a complaint on stderr."""
+    """Let an object of asammdf that was not opened be deleted without a message on stderr."""
     for frame, _ in traceback.walk_tb(error.__traceback__):
         half_open: Any = frame.f_locals.get("self")
         if type(half_open).__name__ != "MDF4":
@@ -210,7 +199,7 @@ def _eight_bytes(data: Any) -> Any:
     return eight
 
 
-class MdfLog(Log):
+class MdfLog(GroupedLog):
     """The measured channels of an MDF file.
 
     Args:
@@ -221,14 +210,10 @@ class MdfLog(Log):
     def __init__(self, path: Path, mdf: Any) -> None:
         super().__init__(path)
         self._mdf = mdf
-        self._read = 0
-        self._total = 1
-
-    _by_group = ("channels", "_read_channels")
 
     @cached_property
     def _listed(self) -> list[InGroup]:
-        """Channels that hold one value a reading, with group and index of each."""
+        """Channels with a time, with group and index of each."""
         names = self._group_names
         listed = []
         for number, group in enumerate(self._mdf.groups):
@@ -261,23 +246,6 @@ class MdfLog(Log):
         return unique
 
     @cached_property
-    def _read_channels(self) -> dict[str, InGroup]:
-        """Channels by name, of the group that is chosen where several hold the same."""
-        return of_group(self._listed, self.group, self.remarks)
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups of channels."""
-        return tuple(dict.fromkeys(channel.group for channel in self._listed))
-
-    def groups_of(self, name: str) -> tuple[str, ...]:
-        """Return the groups that hold a channel, of which none is chosen."""
-        channel = self._read_channels[name]
-        if channel.group == self.group:
-            return ()
-        return groups_with(self._listed, channel)
-
-    @cached_property
     def channels(self) -> Mapping[str, Channel]:
         """Channels by name."""
         channels = {}
@@ -287,61 +255,22 @@ class MdfLog(Log):
             channels[name] = Channel(name, _unit_of(block))
         return channels
 
-    def pieces(self, names: Collection[str]) -> Iterator[dict[str, Series]]:
-        """Yield the readings of channels in pieces, see `Log`."""
-        self._read = 0
-        self._total = 1
-        size = piece_readings(len(names))
-        streams = {}
-        for name in names:
-            self.channel(name)
-            number, _ = self._read_channels[name].item
-            self._total += self._mdf.groups[number].channel_group.cycles_nr
-            streams[name] = self._stream(name, size)
-        yield from in_windows(streams)
-
-    def progress_of(self) -> float:
-        """Return the part of the readings that was read."""
-        return min(self._read / self._total, 1.0)
-
     def close(self) -> None:
         """Close the file."""
         self._mdf.close()
 
-    def _stream(self, name: str, size: int) -> Iterator[Series]:
-        number, index = self._read_channels[name].item
-        count = self._mdf.groups[number].channel_group.cycles_nr
-        last = -math.inf
-        for offset in range(0, count, size):
-            records = min(size, count - offset)
-            try:
-                series = self._readings(number, index, offset, records)
-            except Exception as error:  # of a damaged block, of many kinds
-                words = " ".join(str(error).split()) or type(error).__name__
-                self.remarks.add(
-                    name,
-                    f"cut off or damaged ({words}); what is before is used",
-                    last,
-                    0,
-                )
-                return
-            self._read += records
-            if series is None:
-                return
-            series = rising(series, last, self.remarks, name)
-            if len(series.time):
-                last = float(series.time[-1])
-                yield series
+    def _count(self, channel: InGroup) -> int:
+        number, _ = channel.item
+        return int(self._mdf.groups[number].channel_group.cycles_nr)
 
-    def _readings(
-        self, group: int, channel: int, offset: int, count: int
-    ) -> Series | None:
+    def _readings(self, channel: InGroup, offset: int, count: int) -> Series | None:
         """Return readings of a channel; None for arrays and structures.
 
         What asammdf returns are views of the records of all channels: only copies leave.
         """
+        group, index = channel.item
         signal = self._mdf.get(
-            group=group, index=channel, record_offset=offset, record_count=count
+            group=group, index=index, record_offset=offset, record_count=count
         )
         values = _values(signal.samples)
         if values is None:

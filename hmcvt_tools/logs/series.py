@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -267,66 +266,6 @@ class Log(ABC):
                 f"{listed_names(self.channels)}"
             )
         return self.channels[name]
-
-
-class InGroup(NamedTuple):
-    """A channel of a file whose groups may hold channels of one name.
-
-    Attributes:
-        name: as the file writes it.
-        group: that holds it.
-        key: name that is unique in the file.
-        item: what the reader needs of it.
-    """
-
-    name: str
-    group: str
-    key: str
-    item: Any
-
-
-def of_group(
-    listed: Sequence[InGroup], group: str, remarks: Remarks
-) -> dict[str, InGroup]:
-    """Return channels by the name under which they are read.
-
-    Args:
-        listed: all channels of the file.
-        group: whose channels are read where several groups hold the same; `""` for none chosen.
-        remarks: where the groups that are left out are named.
-    """
-    counts = Counter(channel.name for channel in listed)
-    chosen = {channel.name for channel in listed if channel.group == group}
-    read = {}
-    left_out: dict[str, None] = {}
-    for channel in listed:
-        if counts[channel.name] == 1:
-            read[channel.name] = channel
-        elif channel.name not in chosen:
-            read[channel.key] = channel
-        elif channel.group == group:
-            read[channel.name] = channel
-        else:
-            left_out[channel.group] = None
-    if left_out:
-        names = listed_names([repr(name) for name in left_out])
-        remarks.add(
-            "file", f"channels of the same name left out: group {names}", count=0
-        )
-    return read
-
-
-def groups_with(listed: Sequence[InGroup], channel: InGroup) -> tuple[str, ...]:
-    """Return the groups that hold channels of one name; () for one alone.
-
-    Args:
-        listed: all channels of the file.
-        channel: one of them.
-    """
-    groups = [other.group for other in listed if other.name == channel.name]
-    if len(groups) < 2:
-        return ()
-    return tuple(dict.fromkeys(groups))
 
 
 _MAX_NAMES = 20

@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import logging
-import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -17,17 +16,8 @@ from hmcvt_core.transmission.ranges import Array
 
 from ..tables.rules import meaning_of
 from ..tables.units import to_si
-from .series import (
-    Channel,
-    InGroup,
-    Log,
-    Series,
-    groups_with,
-    in_windows,
-    of_group,
-    piece_readings,
-    rising,
-)
+from .grouped import GroupedLog, InGroup
+from .series import Channel, Series
 
 SUFFIXES = (".tdms",)
 _START = b"TDSm"
@@ -48,23 +38,28 @@ def open_tdms(path: Path) -> TdmsLog:
         raise InputError(
             f'{path}: a TDMS file needs npTDMS: pip install "hmcvt_ros[tdms]"'
         ) from None
-    with path.open("rb") as content:
-        if content.read(len(_START)) != _START:
-            raise InputError(f"{path}: no TDMS file: it does not begin as one does")
     # What it warns of is in its `file_status`.
     log_manager.set_level(logging.ERROR)
+    content = path.open("rb")  # closed here or by the log: npTDMS leaves it open
     try:
-        file = TdmsFile.open(path)
-        log = TdmsLog(path, file)
+        if content.read(len(_START)) != _START:
+            raise InputError(f"{path}: no TDMS file: it does not begin as one does")
+        content.seek(0)
+        file = TdmsFile.open(content)
+        log = TdmsLog(path, file, content)
         if file.file_status.incomplete_final_segment:
             log.remarks.add("file", "cut off; what is before is used", count=0)
         return log
+    except InputError:
+        content.close()
+        raise
     except Exception as error:  # npTDMS raises errors of many kinds for damage
+        content.close()
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: no TDMS file that can be read ({words})") from None
 
 
-class TdmsLog(Log):
+class TdmsLog(GroupedLog):
     """The channels of a TDMS file.
 
     Their time is that of the waveform (`wf_start_time`, `wf_start_offset`, `wf_increment`), else
@@ -73,15 +68,13 @@ class TdmsLog(Log):
     Args:
         path: of the file.
         file: the open file.
+        content: its bytes, to be closed behind it.
     """
 
-    def __init__(self, path: Path, file: Any) -> None:
+    def __init__(self, path: Path, file: Any, content: BinaryIO) -> None:
         super().__init__(path)
         self._file = file
-        self._read = 0
-        self._total = 1
-
-    _by_group = ("channels", "_objects", "_read_channels")
+        self._content = content
 
     @cached_property
     def _listed(self) -> list[InGroup]:
@@ -96,34 +89,12 @@ class TdmsLog(Log):
                     )
         return listed
 
-    @cached_property
-    def _read_channels(self) -> dict[str, InGroup]:
-        """Channels by name, of the group that is chosen where several hold the same."""
-        return of_group(self._listed, self.group, self.remarks)
-
-    @cached_property
-    def _objects(self) -> dict[str, Any]:
-        """Channels of npTDMS by name."""
-        return {name: channel.item for name, channel in self._read_channels.items()}
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Groups of channels."""
-        return tuple(dict.fromkeys(channel.group for channel in self._listed))
-
-    def groups_of(self, name: str) -> tuple[str, ...]:
-        """Return the groups that hold a channel, of which none is chosen."""
-        channel = self._read_channels[name]
-        if channel.group == self.group:
-            return ()
-        return groups_with(self._listed, channel)
-
     def clock_problem(self, names: Collection[str]) -> str:
         """Return why channels have no common time: some state when they begin, others do not."""
         dated = []
         undated = []
         for name in names:
-            channel = self._objects[name]
+            channel = self._read_channels[name].item
             if _start_of(channel, self._clock_of(channel)) is None:
                 undated.append(name)
             else:
@@ -150,9 +121,9 @@ class TdmsLog(Log):
     def channels(self) -> Mapping[str, Channel]:
         """Channels by name; without those of time."""
         channels = {}
-        for name, channel in self._objects.items():
-            if self._clock_of(channel) is not None:
-                channels[name] = Channel(name, _unit_of(channel))
+        for name, channel in self._read_channels.items():
+            if self._clock_of(channel.item) is not None:
+                channels[name] = Channel(name, _unit_of(channel.item))
         if not channels:
             raise InputError(
                 f"{self.path}: no channel has a time: neither wf_increment nor a channel "
@@ -160,51 +131,21 @@ class TdmsLog(Log):
             )
         return channels
 
-    def pieces(self, names: Collection[str]) -> Iterator[dict[str, Series]]:
-        """Yield the readings of channels in pieces, see `Log`."""
-        self._read = 0
-        self._total = 1
-        size = piece_readings(len(names))
-        streams = {}
-        for name in names:
-            self.channel(name)
-            self._total += len(self._objects[name])
-            streams[name] = self._stream(name, size)
-        yield from in_windows(streams)
-
-    def progress_of(self) -> float:
-        """Return the part of the readings that was read."""
-        return min(self._read / self._total, 1.0)
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+        self._content.close()
 
-    def _stream(self, name: str, size: int) -> Iterator[Series]:
-        channel = self._objects[name]
-        clock = self._clock_of(channel)
-        last = -math.inf
-        for offset in range(0, len(channel), size):
-            count = min(size, len(channel) - offset)
-            try:
-                values = np.asarray(channel.read_data(offset=offset, length=count))
-                time = self._times(channel, clock, offset, count)
-            except Exception as error:  # of a damaged segment, of many kinds
-                words = " ".join(str(error).split()) or type(error).__name__
-                self.remarks.add(
-                    name,
-                    f"cut off or damaged ({words}); what is before is used",
-                    last,
-                    0,
-                )
-                return
-            self._read += count
-            is_number = values.dtype.kind in "biuf"
-            values = values.astype(float if is_number else str)
-            series = rising(Series(time, values), last, self.remarks, name)
-            if len(series.time):
-                last = float(series.time[-1])
-                yield series
+    def _count(self, channel: InGroup) -> int:
+        return len(channel.item)
+
+    def _readings(self, channel: InGroup, offset: int, count: int) -> Series | None:
+        """Return readings of a channel."""
+        item = channel.item
+        values = np.asarray(item.read_data(offset=offset, length=count))
+        time = self._times(item, self._clock_of(item), offset, count)
+        is_number = values.dtype.kind in "biuf"
+        return Series(time, values.astype(float if is_number else str))
 
     def _times(self, channel: Any, clock: Any, offset: int, count: int) -> Array:
         """Return times [s], since the earliest start of the file where channels state theirs."""

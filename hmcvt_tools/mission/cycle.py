@@ -65,7 +65,8 @@ _COLUMNS: dict[str, tuple[Range, str]] = {
 """Range of each column, and what its unit measures, a key of `KIND_UNITS`."""
 _OTHER_NAMES: Mapping[str, str] = MappingProxyType(
     {
-        "time": "stamp cyc_secs seconds elapsed_time zeit t temps tiempo tempo \u65f6\u95f4",
+        "time": "stamp cyc_secs cyc_time second seconds elapsed_time total_elapsed_time "
+        "zeit t temps tiempo tempo \u65f6\u95f4",
         "ground_speed": "speed vehicle_speed velocity v v_ist v_act v_veh cyc_mps mps gps_speed "
         "actual_speed speed_actual driving_speed travel_speed fahrgeschwindigkeit "
         "geschwindigkeit vitesse velocidad velocita \u8f66\u901f",
@@ -75,10 +76,10 @@ _OTHER_NAMES: Mapping[str, str] = MappingProxyType(
         "pto_power": "pto p_pto power_pto zapfwellenleistung zapfwelle pto_leistung "
         "puissance_pdf potencia_tdf",
         "auxiliary_power": "auxiliary auxiliaries aux aux_power p_aux power_aux "
-        "nebenverbraucher",
+        "nebenverbraucher padd",
         "lowest_engine_speed": "min_engine_speed minimum_engine_speed engine_speed_min",
         "slope": "grade gradient cyc_grade road_grade road_gradient road_slope steigung "
-        "pente pendiente pendenza \u5761\u5ea6",
+        "grad pente pendiente pendenza \u5761\u5ea6",
         "rolling_resistance": "rolling_coeff rolling_coefficient rollwiderstand "
         "rolling_resistance_coefficient",
         "slip": "wheel_slip schlupf slippage patinage",
@@ -259,8 +260,11 @@ def _known_headers(table: Table) -> dict[str, str]:
 
 
 def _plain_name(text: str) -> str:
-    """Return a name without accents, case, blanks and hyphens, its words parted by underscores."""
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain_text(text.strip()))
+    """Return a name without accents, case, blanks and hyphens, its words parted by underscores.
+
+    VECTO writes names in angle brackets.
+    """
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain_text(text.strip(" <>")))
     return re.sub(r"[\s_-]+", "_", words).strip("_").lower()
 
 

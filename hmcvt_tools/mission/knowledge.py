@@ -34,7 +34,7 @@ class Worth:
 
     Attributes:
         cycle: name of the cycle.
-        expected: what the believed model says that its choices need.
+        expected: fuel of its choices by the model that it assumes.
         needed: what the tractor needs with these choices.
         informed: what the tractor needs with the choices of a strategy that knows it.
         unmet: steps that the tractor cannot drive, whatever is chosen.
@@ -50,7 +50,7 @@ class Worth:
 
     @property
     def gap(self) -> float:
-        """Fuel beyond what the believed model says [kg/h]."""
+        """Fuel beyond what the assumed model expects [kg/h]."""
         return self.needed - self.expected
 
     @property

@@ -41,7 +41,7 @@ NEAR_SPEED = 50.0 * RPM
 HORIZON = 10.0
 """Time for which the demand is taken to stay [s]; chosen on the shipped cycles."""
 
-_STATIONS = 80  # points that a way may lead over: more hardly change it
+_STATIONS = 80  # points that a way may lead over: more barely change it
 _LINE_SPEEDS = 200  # at which the engine's line is looked for
 _SAME_SPEED = 15.0 * RPM  # difference of engine speeds that counts as none
 

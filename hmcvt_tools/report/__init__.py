@@ -26,6 +26,7 @@ from hmcvt_core.benches.baseline import ChangeDiagnosis
 from hmcvt_core.benches.unit import CHANNEL_UNITS, PARAMETERS, UnitChange, UnitDiagnosis
 from hmcvt_core.diagnosis import Diagnosis, Isolability, settings
 from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.errors import InputError
 from hmcvt_core.files import picture
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.identification import Identification
@@ -64,9 +65,14 @@ def write_html(
     """Write the page of a diagnosis, whole or not at all.
 
     Raises:
-        InputError: Jinja2 or matplotlib is missing.
+        InputError: the path does not end in .html, or Jinja2 or matplotlib is missing.
         OSError: the folder cannot be written or is full; an old file is untouched.
     """
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise InputError(
+            f"{os.fspath(path)}: the page is HTML: end the name in .html "
+            "(write_report takes .pdf too)"
+        )
     write_atomically(Path(path), html(diagnosis))
 
 

@@ -146,13 +146,13 @@ def power_in_words(power: float) -> str:
     """Return a mean power lost [W] in words."""
     rounded = float(f"{power:.2g}")
     if abs(rounded) < 1.0:
-        return "hardly any power"
+        return "barely any power"
     change = "lost" if rounded > 0.0 else "gained"
     return f"{abs(rounded):.0f} W {change} on average"
 
 
 def how_far(diagnosis: Diagnosis) -> Measure:
-    """Return by how much the model that is handed over comes nearer to the bench."""
+    """Return by how much the saved model comes nearer to the bench."""
     gap = diagnosis.gap
     if diagnosis.verdict in ("no_gap", "excess_scatter"):
         return Measure(
@@ -167,8 +167,8 @@ def how_far(diagnosis: Diagnosis) -> Measure:
         after = words.amount(diagnosis, delivered.rmse_after)
         return Measure(
             f"{before} \N{RIGHTWARDS ARROW} {after}",
-            "rms error at samples left out: of the refitted model, and of the model that is "
-            "handed over",
+            "rms error at samples left out: of the refitted model, and of the saved "
+            "model",
         )
     before = words.amount(diagnosis, shrinkage.before)
     after = words.amount(diagnosis, shrinkage.after)

@@ -92,7 +92,7 @@ def place_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
 
 
 def test_labels(diagnosis: Diagnosis) -> list[str]:
-    """Return what names an operating point to measure next beside its axes, as `stage`."""
+    """Return what names an operating point to measure next, in addition to its axes, as `stage`."""
     labels: dict[str, None] = {}
     for test in diagnosis.next_tests:
         labels |= dict.fromkeys(test.setting)

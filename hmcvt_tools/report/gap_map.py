@@ -262,7 +262,7 @@ def lead_map(diagnosis: Diagnosis) -> str:
 def draw_gap_map(
     axes: Any, diagnosis: Diagnosis, entry: GapMap, bar_location: str = "top"
 ) -> None:
-    """Draw one map with a colour bar of its own.
+    """Draw one map with its colour bar.
 
     Args:
         axes: matplotlib Axes.

@@ -117,7 +117,7 @@ def _panels(diagnosis: Diagnosis) -> dict[str, Array]:
     """Return residuals before and after by title."""
     panels = {"Base model, refitted": diagnosis.residuals_before}
     if diagnosis.delivered.kind != BASE:
-        panels["Model handed over"] = diagnosis.residuals_after
+        panels["Saved model"] = diagnosis.residuals_after
     return panels
 
 

@@ -2,7 +2,8 @@
 """Rows that hold no test of a transmission at work, beyond doubt: they need no consent.
 
 A map of a machine has rows at standstill, without load, in overrun and beyond what a tractor turns.
-Such rows are left out and named. A single value out of range is none of them: it may be mistyped.
+Such rows are left out and named. A single value out of range is no such row: it may be
+mistyped.
 """
 
 from collections.abc import Mapping
@@ -216,7 +217,8 @@ def _load_beyond(load: Array, setting: Array) -> _Mask:
 def _unit_is_sure(quantity: str, column: Column, table: RawTable) -> bool:
     """Return whether a value out of range cannot come from a wrong unit.
 
-    The size of speeds tells rad/s from r/min; a torque without a unit is only assumed in N m.
+    The size of speeds distinguishes rad/s from r/min; a torque without a unit is only assumed to
+    be in N m.
     """
     return quantity == "engine_speed" or unit_is_stated(column.name, table)
 

@@ -504,7 +504,7 @@ def _stroke_doubt(name: str, values: Array) -> str:
 _UNUSUAL = frozenset(
     {"lb ft", "lb in", "psi", "deg F", "gpm", "in3", "kNm", "daN m", "kgf m"}
 )
-"""Units of other columns beside which a torque without a unit may well not be in N m."""
+"""Units of other columns next to which a torque without a unit may well not be in N m."""
 _UNUSUAL_WORDS = re.compile(
     r"\b(lbs?|lbf|ft|in-?lbs?|imperial|us units|kn ?m|dan ?m|kgf|kp ?m)\b",
     re.IGNORECASE,

@@ -27,6 +27,7 @@ from .checks import (
     contradictions,
     implausible,
 )
+from .clocks import join_clocks
 from .header import RawTable, read_table
 from .no_tests import confirmed_torque, rows_without_test
 from .numbers import not_available, parsed
@@ -702,6 +703,7 @@ def _from_recording(
     unchecked: bool,
 ) -> Imported:
     """Make a bench sample of each steady window, as of a bag."""
+    joined = join_clocks(values, columns, table)
     clock = clock_of(values["stamp"])
     values["stamp"] = clock.stamp
     if not unchecked:
@@ -722,7 +724,8 @@ def _from_recording(
         source=table.source,
         sha256=table.sha256,
     )
-    notes = [*proposal.notes, *proposal.assumed, *windows.notes, *clock.notes]
+    notes = [*proposal.notes, *proposal.assumed, *windows.notes, *joined]
+    notes += clock.notes
     if table.broken:
         first = min(table.broken)
         notes.append(

@@ -36,7 +36,7 @@ _RECORDED = 100
 """Rows from which a table with a step of at most `_STEP` is a recording."""
 _STEP = 1.1  # s; a bench test takes longer to settle
 _SLOW_RECORDED = 40
-"""Rows from which a table that hardly changes from row to row is a recording."""
+"""Rows from which a table that barely changes from row to row is a recording."""
 _SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
 _REGULAR = 0.2  # part by which the steps of a clock differ from their median
 _SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
@@ -128,7 +128,7 @@ def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
 
 
 def is_smooth(values: Mapping[str, Array]) -> bool:
-    """Return whether all quantities hardly change from row to row."""
+    """Return whether all quantities barely change from row to row."""
     changes = []
     for name, column in values.items():
         known = column[np.isfinite(column)]
@@ -159,7 +159,7 @@ def even_columns(table: RawTable) -> list[str]:
             continue
         step = (values[-1] - values[0]) / (len(values) - 1)
         comma = table.styles[name].comma
-        # Cells may be written without zeros at their end, so that the finest one tells.
+        # Cells may be written without zeros at their end, so that the finest one decides.
         digit = min(last_digit(cell, comma) for cell in cells[1:_FORMATTED])
         line = values[0] + step * np.arange(len(values))
         is_count = abs(step) == 1.0
@@ -178,7 +178,7 @@ _MIN_STEP = 2.0
 def is_grid(values: Mapping[str, Array]) -> bool:
     """Return whether rows go through a grid: one quantity set, another one swept at each setting.
 
-    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins anew
+    In a grid each setting stands in one run of rows, exactly, and the swept quantity begins again
     at each. A sweep of more rows than a bench takes points is a ramp of a recording.
     """
     for name, column in values.items():

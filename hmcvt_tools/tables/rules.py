@@ -133,32 +133,32 @@ _OF_A_PART = frozenset(
         *("brake", "belt", "drive", "axle", "stage", "stufe"),
     }
 )
-"""Beside an efficiency these words name a part of the transmission, or more than it."""
+"""Next to an efficiency these words name a part of the transmission, or more than it."""
 _DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
-"""Beside what is measured at a shaft these words name a change of it."""
+"""Next to what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
         *("drehzahl", "drehmoment", "moment", "leistung"),
         *("par", "velocidad", "regimen", "potencia"),
     }
 )
-"""Beside these words `motor` is German or Spanish and means the engine."""
+"""Next to these words `motor` is German or Spanish and means the engine."""
 
 _OIL_PLACES = frozenset(
     {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
 )
 
 _PORTS = frozenset({"a", "b", "port"})
-"""Beside a pressure these words name one port of the hydrostatic units."""
+"""Next to a pressure these words name one port of the hydrostatic units."""
 _FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
-"""Beginnings of words that beside a pressure or temperature name the feed circuit, not a load."""
+"""Beginnings of words that next to a pressure or temperature name the feed circuit, not a load."""
 _OF_THE_HYDRAULICS = frozenset(
     {
         *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
         *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
     }
 )
-"""Beside a power or an efficiency these words name the hydraulic path alone."""
+"""Next to a power or an efficiency these words name the hydraulic path alone."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -431,7 +431,7 @@ def meaning_of(name: str, unit_below: str = "") -> Meaning:
     unknown = (*parts.unread, *strange)
     problem = _unit_clash(parts.unit, below)
     words = [word.lower() for word in parts.words]
-    # What a heading needs does not speak against its quantity.
+    # What a heading needs does not contradict its quantity.
     claimed, needed = _claimed(kind, means)
     excluding = _excluding(parts.words, kind, means - needed)
     if excluding:
@@ -714,7 +714,7 @@ _UNIT_BENCH = (
     ("torque_loss", "torque", "loss losses verlust friction reib"),
     ("oil_temperature", "temperature", "oil oel \u6cb9\u6e29"),
 )
-"""Quantities of the bench of one pump or motor that a further word tells apart."""
+"""Quantities of the bench of one pump or motor that a further word distinguishes."""
 _UNIT_BENCH_PLAIN = ("flow", "torque", "speed", "pressure", "temperature")
 _UNIT_BENCH_WORDS = frozenset(
     {

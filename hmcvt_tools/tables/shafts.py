@@ -3,7 +3,7 @@
 
 The speed ratio of a hydromechanical stage is linear in the stroke, forward or as its inverse, and
 does not know the torques. So a stroke that was mistyped stands out, and so do exchanged shafts.
-Every stage has a line of its own, so each is checked by itself.
+Every stage has a separate line, so each is checked by itself.
 """
 
 from collections.abc import Mapping, Sequence

@@ -152,7 +152,7 @@ def _format(name: str) -> _Format:
 
 
 def _with_layout(sheet: Sheet, xml: str) -> Sheet:
-    """Return a sheet with what its XML says beside the values."""
+    """Return a sheet with what its XML states besides the values."""
     rows = sheet.rows
     for letters, number, formula in _NO_VALUE.findall(xml):
         _set(rows, int(number) - 1, _column(letters), f"={formula}")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hmcvt_tools.fleet.executors import Processes
-from studies.benchmark import generator
+from studies.benchmark import generator, rig
 from studies.benchmark.methods import METHODS
 from studies.benchmark.page import page
 from studies.benchmark.running import make, run
@@ -39,7 +39,12 @@ def main() -> None:
         prog="python -m studies.benchmark",
         description="Compare methods on one set of cases.",
     )
-    parser.add_argument("--campaigns", type=int, default=100)
+    parser.add_argument(
+        "--campaigns",
+        type=int,
+        default=100,
+        help="simulated cases; the measured ones are always there",
+    )
     parser.add_argument("--first-seed", type=int, default=generator.TABLE_SEEDS)
     parser.add_argument("--folder", type=Path, default=Path("build/benchmark"))
     parser.add_argument("--jobs", type=int, default=2)
@@ -47,6 +52,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="such as docs/studies/benchmark.md")
     options = parser.parse_args()
     names = generator.names_of(options.campaigns)
+    names += [(name, "", 0) for name in rig.rig_names()]
     calls: list[tuple[Any, ...]] = []
     for name, kind, number in names:
         seed = generator.seed_of(options.first_seed, number)

@@ -19,6 +19,7 @@ import hmcvt_core as hmcvt
 from studies.benchmark.case import effects as listed_effects
 from studies.benchmark.case import read_columns, write_columns
 from studies.benchmark.model import write_tables
+from studies.benchmark.rig import PLANT
 from studies.blind.bench import judge as bench_judge
 from studies.blind.bench.campaign import fresh_state
 from studies.blind.bench.classes import class_of
@@ -283,11 +284,14 @@ def card_of(
 
 
 def files(folder: Path, truth: Path) -> Iterator[Path]:
-    """Yield the frozen files: those of the cases without model tables, and the truth."""
+    """Yield the frozen files: of simulated cases without model tables, and their truth."""
     for path in sorted(folder.glob("*/*")):
-        if not path.name.startswith("model_"):
+        is_table = path.name.startswith("model_")
+        if not (is_table or path.parent.name.startswith(PLANT)):
             yield path
-    yield from sorted(truth.glob("*"))
+    for path in sorted(truth.glob("*")):
+        if not path.name.startswith(PLANT):
+            yield path
 
 
 def digest(folder: Path, truth: Path) -> str:

@@ -8,6 +8,7 @@ import yaml
 
 from studies.benchmark.generator import TABLE_SEEDS, VERSION, digest
 from studies.benchmark.methods import METHODS
+from studies.benchmark.rig import PLANT
 from studies.benchmark.scorer import (
     FAILURES,
     SUCCESSES,
@@ -32,7 +33,12 @@ def page(folder: Path, command: str, first_seed: int) -> str:
     found = {path.name for path in (folder / "answers").iterdir()}
     methods = [name for name in METHODS if name in found]
     methods += sorted(found - set(METHODS))
-    scores = {method: scores_of(folder, method) for method in methods}
+    every = {method: scores_of(folder, method) for method in methods}
+    measured = _of_plant(every, PLANT)
+    scores = {
+        method: [each for each in own if not each.case.startswith(PLANT)]
+        for method, own in every.items()
+    }
     first = scores[methods[0]]
     plants = {plant: _of_plant(scores, plant) for plant in ("twin", "bench")}
     kinds = Counter((each.kind, each.case.split("-")[0]) for each in first)
@@ -53,6 +59,7 @@ def page(folder: Path, command: str, first_seed: int) -> str:
         cases=len(first),
         methods=len(methods),
         kinds=table(("hidden", "twin", "bench"), rows),
+        measured=measured_table(measured),
         failures=figures_table(scores, FAILURES),
         successes=figures_table(scores, SUCCESSES),
         beaten=beaten(scores),
@@ -61,6 +68,18 @@ def page(folder: Path, command: str, first_seed: int) -> str:
             for plant, own in plants.items()
         },
     )
+
+
+def measured_table(scores: dict[str, list[Score]]) -> str:
+    """Return the figures of measured cases that some method answered; empty without any."""
+    if not any(scores.values()):
+        return ""
+    figures = [
+        figure
+        for figure in (*FAILURES, *SUCCESSES)
+        if any(figure.cell(own) != "-" for own in scores.values())
+    ]
+    return figures_table(scores, figures)
 
 
 def beaten(scores: dict[str, list[Score]]) -> str:

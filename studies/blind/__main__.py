@@ -22,6 +22,11 @@ from .bench.study import run as run_bench
 from .bench.study import save
 from .conditions import PARTS, cases
 from .loop import work
+from .renewed.scores import report as renewed_report
+from .renewed.study import CHANNELS, paired
+from .renewed.study import cases as renewed_cases
+from .renewed.study import page as renewed_page
+from .renewed.study import run as run_renewed
 from .scoring import goals, misses, report
 
 KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
@@ -30,10 +35,11 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 @click.command("blind")
 @click.option(
     "--plant",
-    type=click.Choice(["twin", "bench"]),
+    type=click.Choice(["twin", "bench", "renewed"]),
     default="twin",
     show_default=True,
-    help="The twin with plain readings, or the bench with sessions, meters and texture.",
+    help="The twin with plain readings, the bench with sessions, meters and texture, or the "
+    "renewed plant with forms of its own and an oracle.",
 )
 @click.option(
     "--seeds",
@@ -73,26 +79,28 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
     type=click.IntRange(1),
     default=24,
     show_default=True,
-    help="Bench: number of campaigns.",
+    help="Bench, renewed: number of campaigns.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=1,
     show_default=True,
-    help="Bench: seed of the first campaign; those from 90000000 on are kept back.",
+    help="Bench, renewed: seed of the first campaign; kept back are those from 90000000 on of "
+    "the bench and those from 97500000 on of the renewed plant.",
 )
 @click.option(
     "--without",
-    type=click.Choice(PROPERTIES),
+    type=click.Choice([*PROPERTIES, *CHANNELS]),
     multiple=True,
-    help="Bench: a property to switch off; may be given more than once.",
+    help="Bench: a property to switch off; renewed: a column to leave out and to compare with; "
+    "may be given more than once.",
 )
 @click.option(
     "--kinds",
     default="",
     metavar="KIND,...",
-    help="Bench: kinds of campaign, such as single,pair,nothing.  [default: all]",
+    help="Bench, renewed: kinds of campaign, such as single,pair,nothing.  [default: all]",
 )
 @click.option(
     "--cost",
@@ -111,26 +119,27 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
     type=OutputFile(),
     default=None,
     metavar="FILE",
-    help="Twin: to continue after an interruption.  [default: blind-results.jsonl, --quick none]",
+    help="Twin, renewed: to continue after an interruption.  [default of the twin: "
+    "blind-results.jsonl, --quick none; of renewed: none]",
 )
 @click.option(
     "--out",
     type=OutputFile(),
     default=None,
     metavar="FILE",
-    help="Twin: write the report there too. Bench: write the records there as JSON.",
+    help="Twin: write the report there too. Bench, renewed: write the records there as JSON.",
 )
 @click.option(
     "--page",
     type=OutputFile(),
     default=None,
     metavar="FILE.md",
-    help="Bench: write the section of the page there.",
+    help="Bench, renewed: write the section of the page there.",
 )
 def command(plant: str, jobs: int, out: str | None, **options: Any) -> None:
     """Run the blind trial: the diagnosis gets the bench columns of the campaigns alone."""
-    run = _bench if plant == "bench" else _twin
-    click.echo(run(options, jobs, out))
+    runs = {"twin": _twin, "bench": _bench, "renewed": _renewed}
+    click.echo(runs[plant](options, jobs, out))
 
 
 def _bench(options: dict[str, Any], jobs: int, out: str | None) -> str:
@@ -155,6 +164,30 @@ def _bench(options: dict[str, Any], jobs: int, out: str | None) -> str:
         save(Path(out), records)
     _write_page(options, records)
     return bench_report(records)
+
+
+def _renewed(options: dict[str, Any], jobs: int, out: str | None) -> str:
+    """Run campaigns on the renewed plant; return their tables."""
+    kinds = tuple(kind for kind in options["kinds"].split(",") if kind)
+    path = Path(options["results"] or os.devnull)
+
+    def progress(line: str) -> None:
+        click.echo(line, err=True)
+
+    campaigns, seed = options["campaigns"], options["seed"]
+    records = run_renewed(renewed_cases(campaigns, seed, kinds), jobs, path, progress)
+    text = renewed_report(records)
+    for name in options["without"]:
+        todo = renewed_cases(campaigns, seed, kinds, (name,), oracle=False)
+        text += "\n\n" + paired(records, run_renewed(todo, jobs, path, progress), name)
+    if out is not None:
+        save(Path(out), records)
+    if options["page"] is not None:
+        line = f"python -m studies.blind --plant renewed --campaigns {campaigns} --seed {seed}"
+        if kinds:
+            line += f" --kinds {options['kinds']}"
+        write_atomically(Path(options["page"]), renewed_page(records, line, seed))
+    return text
 
 
 def _write_page(

@@ -61,7 +61,7 @@ class BandRun:
         axis: along which the band lies.
         channel: `flow` or `torque`.
         base: error of the paper's terms in the band [L/min] or [N m].
-        served: error of the model handed over.
+        served: error of the saved model.
         leading: leading set of effects.
     """
 

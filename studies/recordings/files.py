@@ -7,6 +7,7 @@ tools and spreadsheets write.
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +213,8 @@ def _csv(
 ) -> Recording:
     """Write all channels on the clock of the engine; a cell is empty where there is no reading."""
     path = folder / "recording.csv"
+    if rng.random() < 0.25:
+        return _tasks(rng, path, history)
     bare = bool(rng.random() < 0.15)
     wrong_stamp = bool(rng.random() < 0.15)
     zero = float(rng.choice([0.0, 5.0]))
@@ -236,6 +239,26 @@ def _csv(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     features = {"format": kind, "bare": bare, "zero": zero, "wrong_stamp": wrong_stamp}
     return Recording(path, (), history, bare, features)
+
+
+def _tasks(rng: np.random.Generator, path: Path, history: History) -> Recording:
+    """Write each task with its clock in front of it, row by row as they came."""
+    written, units = _in_units(rng, history, False)
+    clock = str(rng.choice(["time {} [s]", "t_{} [s]", "Time [s]"]))
+    tasks = {"in": INPUT, "stroke": ("PumpStroke",), "out": OUTPUT}
+    columns = []
+    for task, names in tasks.items():
+        stamps = written[names[0]].time + history.features["early"]
+        columns.append([clock.format(task), *(f"{stamp:.4f}" for stamp in stamps)])
+        for name in names:
+            values = written[name].values.tolist()
+            columns.append(
+                [f"{name} [{units[name]}]", *(f"{value:.9g}" for value in values)]
+            )
+    rows = zip_longest(*columns, fillvalue="")
+    path.write_text("\n".join(map(";".join, rows)) + "\n", encoding="utf-8")
+    features = {"format": "csv", "clock": clock}
+    return Recording(path, (), history, False, features)
 
 
 def _can(

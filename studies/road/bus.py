@@ -106,7 +106,17 @@ def encode(
     messages += _configuration(drive, machine)
     if with_unit:
         messages.append(_unit(drive, unit_late))
+    if machine.oil_temperature is not None:
+        messages.append(_oil(drive, machine.oil_temperature))
     return messages
+
+
+def _oil(drive: Drive, temperature: float) -> Encoded:
+    """Return TRF1, every second: bytes 5 and 6, 1/32 deg C from -273."""
+    at = np.arange(0.119, drive.time[-1], 1.0)
+    data = _blank(at)
+    _word(data, 4, np.full(len(at), (temperature + 273.0) * 32.0))
+    return Encoded(at, 0x18FEF803, data)
 
 
 def _unit(drive: Drive, late: float) -> Encoded:

@@ -36,6 +36,7 @@ class Machine(NamedTuple):
         inertia: of the engine [kg m2].
         friction: of the engine at 1,500 r/min, as a part of the reference torque [-].
         reference: torque of 100 % [N m].
+        oil_temperature: of the transmission, on the bus [deg C]; None where it is not.
     """
 
     model: EfficiencyModel
@@ -43,6 +44,7 @@ class Machine(NamedTuple):
     inertia: float
     friction: float
     reference: float
+    oil_temperature: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,7 +130,7 @@ def script(path, *arguments, cwd, **options):
     return subprocess.run(
         [sys.executable, "-W", "error", str(path), *map(str, arguments)],
         cwd=cwd,
-        timeout=100,
+        timeout=250,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,

@@ -8,7 +8,7 @@ from cli.running import ROOT, assert_refused, run
 from hmcvt_core.files.table import csv_text
 from tests.diagnosis.test_simulator import diagnosed, drive
 
-DRIVE = f"{ROOT / 'examples' / 'electric_drive.py'}:DRIVE"
+DRIVE = f"{ROOT / 'examples' / 'electric_drive.py'}:system"
 NOISE = ("--noise", "battery_power=15", "--noise", "phase_current=0.15")
 
 

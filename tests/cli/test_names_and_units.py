@@ -224,6 +224,7 @@ def test_units_that_a_cycle_leaves_open(tmp_path, header, row, complaint):
     [
         "Zeit [s],Abtriebsdrehzahl [1/min],Abtriebsleistung [kW],Zapfwellenleistung [kW]",
         "t [s],n_output [rpm],P_out [kW],P_pto [kW]",
+        "<t> [s],n_out [rpm],P_output [kW],PTO power [kW]",
         "elapsed time [s],output speed [rpm],Output Power (kW),PTO (kW)",
     ],
 )

@@ -4,12 +4,14 @@
 import json
 import math
 import time
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.model.domain import Domain
 from hmcvt_core.transmission.ranges import RPM
 from studies.timing.drive_line import brute_force, demands
 
@@ -224,3 +226,34 @@ def test_an_engine_reports_itself():
     assert ENGINE.plot(ax=axes) is figure
     assert axes.get_ylabel() == "torque [N m]"
     plt.close(figure)
+
+
+DOMAIN = Domain((-0.8, 0.8), (130.0, 190.0), (100.0, 500.0))
+
+
+def test_the_optimum_may_be_kept_inside_the_data():
+    bounded = replace(TRACTOR, domain=DOMAIN)
+    outside = 0
+    for speed in np.linspace(20.0, 200.0, 13).tolist():
+        free = bounded.optimal_drive(speed, 40e3)
+        kept = bounded.optimal_drive(speed, 40e3, inside_domain=True)
+        if free.stage is not None:
+            point = (free.displacement_ratio, free.engine_speed, free.load_torque)
+            outside += not DOMAIN.contains_point(*point)
+        if kept.stage is None:
+            continue
+        assert DOMAIN.contains_point(
+            kept.displacement_ratio, kept.engine_speed, kept.load_torque
+        )
+        assert kept.engine_torque * kept.engine_speed >= 0.999 * (
+            free.engine_torque * free.engine_speed
+        )
+    assert outside > 3
+    with pytest.raises(hmcvt.InputError, match="does not state the range of its data"):
+        replace(TRACTOR, domain=None).optimal_drive(60.0, 40e3, inside_domain=True)
+
+
+@pytest.mark.parametrize("value", ["120", True, [60.0, 70.0]])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(hmcvt.InputError, match=r"output_speed = .* is not a number"):
+        TRACTOR.optimal_drive(value, 40e3)

@@ -169,3 +169,34 @@ def test_an_effect_may_fill_an_array_where_another_is_large(table2):
     assert 0 < np.sum(model.efficiency(*point) < shipped.efficiency(*point)) < 9
     assert model.optimal_displacement_ratio(*point[1:]).efficiency > 0.5
     assert hmcvt.identify(table2, effects=(own,)).model.effects == (own,)
+
+
+OWN_EFFECT = """
+from dataclasses import dataclass
+from hmcvt_core import Effect, size
+
+@dataclass(frozen=True)
+class Own(Effect):
+    name = "own_misspelt"
+    summary = "an effect for a test"
+    remedy = "none"
+    torque: float = size("N m", 5.0, 0.0, 50.0, "torque")
+
+    def {hook}(self, state):
+        return self.torque
+"""
+
+
+@pytest.mark.parametrize(
+    ("hook", "message"),
+    [
+        ("outputdrag", "method outputdrag is no hook; output_drag is"),
+        ("output_drags", "method output_drags is no hook; output_drag is"),
+        ("loss_of_all", "own_misspelt: overrides no hook; there is "),
+    ],
+)
+def test_a_misspelt_hook_is_refused_by_name(tmp_path, hook, message):
+    path = tmp_path / f"own_{hook}.py"
+    path.write_text(OWN_EFFECT.format(hook=hook), encoding="utf-8")
+    with pytest.raises(hmcvt.InputError, match=message):
+        hmcvt.load_effects(str(path))

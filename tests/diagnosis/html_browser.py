@@ -27,7 +27,7 @@ _FLAGS = (
     "--disable-dev-shm-usage",
     "--enable-logging=stderr",
 )
-_SECONDS = 100
+_SECONDS = 250
 
 # Each page is put into a frame of the width to be tried; the frame around it measures.
 _MEASURE = """

@@ -9,14 +9,18 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
-from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
 from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
-from hmcvt_core.physics.effects.mechanical import FanDrive
+from hmcvt_core.physics.effects.mechanical import (
+    AccessoryDrive,
+    BearingDrag,
+    FanDrive,
+)
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 
-from .campaigns import BASE, NOISE, campaign, random_points
+from .campaigns import BASE, NOISE, campaign, measure, random_points
 
 POINTS = random_points(11, 60, temperature=True)
 OVERRUN = POINTS._replace(load_torque=-0.3 * POINTS.load_torque)
@@ -26,6 +30,7 @@ ACTING = [
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=0.0),
     InletStarvation(deficit=0.3, full_speed=120.0, stroke_exponent=1.0),
     FanDrive(torque=8.0, start=60.0),
+    AccessoryDrive(power=900.0),
     ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
     BrakeDrag(torque=10.0),
     GrippingClutch(torque=10.0, speed_ratio=1.2),
@@ -70,6 +75,23 @@ def test_what_no_test_reaches_is_no_candidate(effect):
     assert effect.with_values({effect.sizes()[0].name: 0.0}) not in visible
 
 
+def test_an_accessory_takes_the_same_power_at_every_speed():
+    _, bare = BalanceSolver(BASE.stage, BASE.parameters).flow(POINTS)
+    accessory = AccessoryDrive(power=900.0)
+    _, driven = BalanceSolver(BASE.stage, BASE.parameters, (accessory,)).flow(POINTS)
+    np.testing.assert_allclose(driven.engine_power - bare.engine_power, 900.0)
+
+
+def test_an_accessory_is_no_constant_torque():
+    fit = refit(Hypothesis(Transmission(BASE)), observe(campaign(seed=1), NOISE))
+    forms = [AccessoryDrive(), BearingDrag(exponent=0.0), BearingDrag(exponent=0.67)]
+    accessory, *bearings = fit.project_out(fit.signatures_of(forms))
+    for bearing in bearings:
+        alike = accessory @ bearing
+        alike /= np.linalg.norm(accessory) * np.linalg.norm(bearing)
+        assert np.sqrt(1.0 - alike**2) > 0.15
+
+
 def test_a_fan_needs_the_oil_temperature():
     cold = POINTS._replace(oil_temperature=None)
     fan = FanDrive(torque=8.0, start=60.0, band=20.0)
@@ -85,6 +107,28 @@ def test_a_fan_comes_on_over_its_band():
         oil_temperature=np.array([59.0, 70.0, 85.0, 85.0]),
     )
     np.testing.assert_allclose(fan.engine_drag(state), [0.0, 4.0, 8.0, 32.0])
+
+
+SHARP = {
+    ReliefValve: ("leak", {"leak": 5e-11, "cracking": 9.0}, 0.5, 3.0),
+    InletStarvation: ("deficit", {"deficit": 0.3, "full_speed": 170.0}, 5.0, 60.0),
+    ClutchSlip: ("slip", {"slip": 8.0, "holding": 120.0, "exponent": 1.0}, 0.1, 0.9),
+    FanDrive: ("torque", {"torque": 8.0, "start": 55.0, "band": 7.0}, 0.02, 0.6),
+}
+
+
+@pytest.mark.parametrize("kind", SHARP, ids=lambda kind: kind.__name__)
+def test_a_refit_finds_a_smooth_onset(kind):
+    size, values, sharp, smooth = SHARP[kind]
+    truth = kind(**values, width=smooth)
+    points = random_points(3, 96, temperature=True)
+    samples = measure(points, (truth,), noise=1e-3, speed_noise=1e-4)
+    observed = observe(samples, 1e-3)
+    start = replace(truth, width=sharp, **{size: 0.0})
+    fixed = refit(Hypothesis(Transmission(BASE), (start,)), observed)
+    free = with_free_shapes(fixed)
+    (found,) = free.effects
+    assert found.width > np.sqrt(sharp * smooth)
 
 
 @pytest.mark.parametrize("points", [POINTS, OVERRUN], ids=["pull", "overrun"])

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.system import forms_of
@@ -115,6 +116,7 @@ def test_the_names_of_the_contract_are_there():
         "relief_valve",
         "inlet_starvation",
         "fan_drive",
+        "accessory_drive",
         "clutch_slip",
         "brake_drag",
     }, "named as further ones"
@@ -143,7 +145,10 @@ def _on_the_page(item):
     unit = "" if item.unit == "-" else f" [{item.unit}]"
     if item.is_size:
         return f"`{item.name}`{unit} {item.typical:g} ({item.low:g} to {item.high:g})"
-    return f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+    tried = f"`{item.name}`{unit} tried at {', '.join(f'{x:g}' for x in item.grid)}"
+    if item.low == item.grid[0] and item.high == item.grid[-1]:
+        return tried
+    return f"{tried}, refitted from {item.low:g} to {item.high:g}"
 
 
 @every_kind
@@ -221,6 +226,34 @@ def test_walther_gives_the_grade_of_the_oil():
         np.exp(walther_log_viscosity(np.array([40.0, 100.0]))), [46.0, 6.8], rtol=1e-9
     )
     assert (np.diff(walther_log_viscosity(np.linspace(-40.0, 150.0, 50))) < 0.0).all()
+
+
+@pytest.mark.parametrize(
+    "grade", [(32.0, 5.4), (46.0, 10.0), (55.0, 9.2), (68.0, 11.0), (220.0, 19.0)]
+)
+def test_two_numbers_meet_the_viscosity_of_any_oil(grade):
+    warm = np.linspace(30.0, 90.0, 31)
+    known = OilTemperature(1.0, viscosity_40=grade[0], viscosity_100=grade[1])
+    measured = np.log(known.viscosity_ratio(warm))
+    at = np.exp(walther_log_viscosity(np.array([40.0, 100.0]), *grade))
+    np.testing.assert_allclose(at, grade, rtol=1e-9)
+
+    def missed(numbers):
+        strength, viscosity_100 = numbers
+        oil = OilTemperature(strength, viscosity_100=viscosity_100)
+        return np.log(oil.viscosity_ratio(warm)) - measured
+
+    found = least_squares(missed, [1.0, 6.8], bounds=([0.0, 4.0], [2.5, 20.0]))
+    assert np.abs(found.fun).max() < 0.002
+
+
+def test_a_file_with_the_strength_alone_means_an_oil_of_grade_46():
+    words = {
+        "effect": "oil_temperature",
+        "parameters": {"strength": {"value": 1.2, "unit": "-"}},
+    }
+    oil = effect_from_mapping(words)
+    assert oil == OilTemperature(1.2, viscosity_40=46.0, viscosity_100=6.8)
 
 
 def test_films_follow_the_oil_with_a_power_of_their_own():

@@ -80,7 +80,7 @@ def test_plot():
 
     axes = Figure().subplots()
     assert diagnosed().plot(axes) is axes.figure
-    assert axes.get_title().startswith("Model handed over")
+    assert axes.get_title().startswith("Saved model")
 
 
 COLUMNS = {"speed": [100.0, 150.0], "flow": [0.5, 0.6], "efficiency": [0.6, 0.7]}

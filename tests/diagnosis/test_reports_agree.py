@@ -25,7 +25,7 @@ def test_the_rules_see_what_they_are_for():
         delivered=replace(found.delivered, rmse_after=1.0),
     )
     rules = contradictions(broken)
-    assert "the model handed over is worse" in rules
+    assert "the saved model is worse" in rules
     assert "no gap above the stated noise" in rules
     assert len(rules) < len(RULES)
     empty = replace(found, causes=())

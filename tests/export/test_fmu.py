@@ -250,14 +250,20 @@ def test_variables_are_those_of_the_contract(fmu, tractor):
         "engine_speed",
         "load_torque",
         "stage",
+        "demanded_output_speed",
+        "demanded_output_power",
     ]
     assert inputs["stage"].type in ("Integer", "Int32")
-    assert set(by_causality["output"]) == set(OUTPUTS)
+    choice = {"optimal_stage", "optimal_engine_speed"}
+    assert set(by_causality["output"]) == set(OUTPUTS) | choice
     parameters = by_causality["parameter"]
-    assert list(parameters) == ["leakage", "motor_damping", "pump_damping"]
+    hydraulic = ["leakage", "motor_damping", "pump_damping"]
+    of_choice = ["hysteresis", "lowest_engine_speed", "highest_engine_speed"]
+    assert list(parameters) == [*hydraulic, *of_choice]
     for name, variable in parameters.items():
         assert variable.variability == "tunable"
-        assert float(variable.start) == getattr(tractor.parameters, name)
+        if name in hydraulic:
+            assert float(variable.start) == getattr(tractor.parameters, name)
         assert variable.unit
     assert by_causality["output"]["output_speed"].unit == "rad/s"
     assert by_causality["output"]["power_loss"].unit == "W"
@@ -269,7 +275,7 @@ def test_no_python_inside_and_sources_compile(fmu, fmi, tmp_path):
         archive.extractall(tmp_path)
     assert not [name for name in names if name.endswith(".py")]
     assert "modelDescription.xml" in names
-    sources = ["hmcvt_model.c", "hmcvt_unit.c", f"fmi{fmi}.c"]
+    sources = ["hmcvt_model.c", "hmcvt_stage.c", "hmcvt_unit.c", f"fmi{fmi}.c"]
     done = subprocess.run(
         [
             "gcc",

@@ -48,7 +48,7 @@ def start(*arguments, **options):
 def finish(running):
     """Wait for a command."""
     with running:
-        out, err = running.communicate(timeout=110)
+        out, err = running.communicate(timeout=250)
     return Done(running.returncode, out, err)
 
 
@@ -81,7 +81,7 @@ def workers(parent):
     return found
 
 
-def wait_for(condition, seconds=100.0):
+def wait_for(condition, seconds=250.0):
     """Return the first true value of a condition."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:

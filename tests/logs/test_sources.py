@@ -380,3 +380,52 @@ def test_a_set_point_says_nothing_of_the_time_before_it(tmp_path, long_tests):
     run("import", path, "--out", out, "--yes")
     samples = hmcvt.read_bench(out)
     np.testing.assert_allclose(samples.displacement_ratio, [-0.6, 0.8, 0.5], atol=1e-9)
+
+
+def two_clocks(path, long_tests, clocks, order=("PumpStroke", "Engine", "Output")):
+    """Write a table whose output task began 9 s after the input task, each with its clock."""
+    time, columns = long_tests
+    late = 90
+    rows = len(time) - late
+    header = []
+    cells = []
+    for task in order:
+        if task in clocks:
+            first = late if task == "Output" else 0
+            header.append(clocks[task])
+            cells.append([f"{now:.1f}" for now in time[first : first + rows]])
+        for name, values in columns.items():
+            if name.startswith(task):
+                first = late if task == "Output" else 0
+                header.append(f"{name} [{UNITS[name]}]")
+                part = values[first : first + rows]
+                cells.append([f"{value:.6g}" for value in part])
+    lines = [";".join(header)]
+    lines += [";".join(row) for row in zip(*cells, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    "clocks",
+    [
+        {"PumpStroke": "time_in [s]", "Output": "time_out [s]"},
+        {"PumpStroke": "Time [s]", "Output": "Time [s]"},
+        {"PumpStroke": "t", "Output": "t_output [s]"},
+    ],
+)
+def test_tasks_of_a_table_with_a_clock_each(tmp_path, long_tests, clocks):
+    path = tmp_path / "clocks.csv"
+    two_clocks(path, long_tests, clocks)
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert "clocks differ" in done.out, done.err
+    require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
+def test_clocks_of_a_table_that_belong_to_no_column_in_front(tmp_path, long_tests):
+    path = tmp_path / "clocks.csv"
+    order = ("EngineTorque", "PumpStroke", "EngineSpeed", "Output")
+    clocks = {"PumpStroke": "time [s]", "Output": "time_out [s]"}
+    two_clocks(path, long_tests, clocks, order)
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert done.code == 2
+    assert "'EngineTorque [N m]' stands in front of them" in done.err

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from cli.running import ROOT
 
+from studies.benchmark import rig
 from studies.benchmark.answer import Answer, read_answer, write_answer
 from studies.benchmark.case import Case, effects, write_columns
 from studies.benchmark.generator import names_of, write_case
@@ -240,3 +241,23 @@ def test_every_baseline_answers(tmp_path):
         scores[method] = scores_of(tmp_path, method)
         assert scores[method][0].removed > 0.5, method
     assert len(figures_table(scores, FAILURES).splitlines()) == 2 + len(FAILURES)
+
+
+def test_a_measured_case_has_a_baseline_and_is_answered(tmp_path):
+    name = "rig-leak1-cooler100"
+    assert name in rig.rig_names() and len(rig.rig_names()) == 8
+    rig.write_rig_case(tmp_path / "cases", tmp_path / "truth", name)
+    case = Case(tmp_path / "cases" / name)
+    displacement = case.card["machine"]["displacement"]
+    samples = rig.samples_of(case.tests, displacement)
+    np.testing.assert_allclose(
+        rig.efficiency_of(samples), case.tests["efficiency"], rtol=1e-12
+    )
+    assert (case.folder / "baseline.csv").is_file()
+    assert case.card["licence"].startswith("CC BY 4.0")
+    for method, module in (("hmcvt", hmcvt_diagnosis), ("bic", forward_bic)):
+        path = tmp_path / "answers" / method / f"{name}.json"
+        write_answer(path, module.answer(case))
+        (found,) = scores_of(tmp_path, method)
+        assert found.same_class and found.part
+        assert found.removed > 0.9

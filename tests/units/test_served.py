@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The model of a unit that is handed over, and sets that no verdict names."""
+"""The saved model of a unit, and sets that no verdict names."""
 
 import numpy as np
 import pytest

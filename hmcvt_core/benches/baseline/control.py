@@ -150,7 +150,7 @@ def excess_of(machine: SoundMachine, observed: Observations, seed: int) -> Exces
     """Compare readings with left-out readings of the baseline.
 
     A few readings that stand apart make a difference significant, and any bench has some. The mean
-    of log(1 + z^2) over the standardised differences z, which single readings hardly move, is
+    of log(1 + z^2) over the standardised differences z, which single readings barely move, is
     compared with that of draws. A draw consists of runs of left-out residuals of the baseline
     (block bootstrap; Kuensch 1989, Ann. Stat. 17, 1217) and of one error of the sound prediction,
     which all readings share.

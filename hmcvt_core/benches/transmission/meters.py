@@ -25,6 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...diagnosis.fitting.hypothesis import Hypothesis
+from ...diagnosis.fitting.refit import refit
 from ...diagnosis.observations import SESSION, Observations, SharedError
 from ...diagnosis.settings import TIE_TOLERANCE
 from ...diagnosis.system import Array, System
@@ -163,18 +165,40 @@ def _scaled_time(time: Array) -> Array:
 
 
 def with_meter_errors(observed: Observations, system: System) -> Observations:
-    """Return observations whose readings share the errors of the torque meters.
+    """Return observations whose readings share the errors of the meters.
+
+    What an error changes depends on the base parameters: by a tenth, where the leakage differs as
+    much as it does between machines. They are fitted first.
 
     Args:
         observed: of bench samples.
         system: the transmission; its prediction says what a wrong load does to each channel.
     """
+    before_any_fit = _with_errors_at(observed, system, system.base.mean)
+    return _with_errors_at(observed, system, _fitted_base(before_any_fit, system))
+
+
+def _fitted_base(observed: Observations, system: System) -> Array:
+    """Return the scaled base parameters fitted to readings, shape (p,); few are no fit."""
+    mean = system.base.mean
+    predicted = system.predict(mean, (), observed.points)
+    answered = np.flatnonzero(np.isfinite(predicted).all(axis=0))
+    if len(answered) <= len(mean):
+        return mean
+    hypothesis = Hypothesis(system, shared_count=observed.shared_count)
+    return refit(hypothesis, observed.select(answered)).base
+
+
+def _with_errors_at(
+    observed: Observations, system: System, base: Array
+) -> Observations:
+    """Return observations with the errors of the meters, as they act at base parameters, (p,)."""
     sessions = sessions_of(observed.samples)
-    slopes = _slopes_by_load(observed, system)
-    readings, speed_ratio = _without_noise(observed, system)
+    slopes = _slopes_by_load(observed, system, base)
+    readings, speed_ratio = _without_noise(observed, system, base)
     meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
     gauges = _changes_by_gauges(observed, readings)
-    gauges += _changes_by_stroke_sensor(observed, system)
+    gauges += _changes_by_stroke_sensor(observed, system, base)
     errors = []
     columns = []
     number = np.full(len(observed), -1.0)
@@ -236,14 +260,14 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
 
 
 def _without_noise(
-    observed: Observations, system: System
+    observed: Observations, system: System, base: Array
 ) -> tuple[dict[str, Array], Array]:
     """Return readings by channel, and output speed / engine speed, as the base model predicts them.
 
     Columns made of readings would hold their noise, and a large zero would then explain noise.
     Where the model has no answer, a reading is that measured and the ratio is 1.
     """
-    predicted = by_name(system.predict(system.base.mean, (), observed.points))
+    predicted = by_name(system.predict(base, (), observed.points))
     readings = {}
     for channel, measured in zip(observed.channels, observed.measured, strict=True):
         answer = predicted[channel.name]
@@ -278,7 +302,7 @@ def _changes_by_gauges(
 
 
 def _changes_by_stroke_sensor(
-    observed: Observations, system: System
+    observed: Observations, system: System, base: Array
 ) -> list[tuple[GaugeError, Array]]:
     """Return the errors of the stroke sensor, and the change of every channel by each of 1.
 
@@ -291,7 +315,7 @@ def _changes_by_stroke_sensor(
     stroke = observed.points[name]
     # Towards zero, so that full stroke stays full stroke.
     step = np.where(stroke > 0.0, -STROKE_STEP, STROKE_STEP)
-    slopes = _finite(_slopes(observed, system, name, step))
+    slopes = _finite(_slopes(observed, system, base, name, step))
     changes = []
     for error in gauge_errors([name], STORED):
         changes.append((error, -slopes * error.change_at(stroke)))
@@ -326,26 +350,29 @@ def _meters(
     )
 
 
-def _slopes_by_load(observed: Observations, system: System) -> Array:
+def _slopes_by_load(observed: Observations, system: System, base: Array) -> Array:
     """Return the derivatives of the predicted readings by the load, shape (channels, n)."""
     load = observed.points[LOAD_TORQUE.name]
     step = np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance)
-    return _slopes(observed, system, LOAD_TORQUE.name, step)
+    return _slopes(observed, system, base, LOAD_TORQUE.name, step)
 
 
-def _slopes(observed: Observations, system: System, axis: str, step: Array) -> Array:
+def _slopes(
+    observed: Observations, system: System, base: Array, axis: str, step: Array
+) -> Array:
     """Return the derivatives of the predicted readings along an axis, shape (channels, n).
 
     Args:
         observed: the readings.
         system: the transmission.
+        base: scaled base parameters, shape (p,).
         axis: name of the axis.
         step: of the difference, in the unit of the axis, shape (n,).
     """
     rows = [system.channels.index(channel) for channel in observed.channels]
     moved = {**observed.points, axis: observed.points[axis] + step}
-    before = system.predict(system.base.mean, (), observed.points)[rows]
-    after = system.predict(system.base.mean, (), moved)[rows]
+    before = system.predict(base, (), observed.points)[rows]
+    after = system.predict(base, (), moved)[rows]
     return np.asarray((after - before) / step)
 
 

@@ -33,6 +33,7 @@ from ...diagnosis.fitting.cross_validation import (
 )
 from ...diagnosis.observations import Observations, scaled_to_extent
 from ...diagnosis.results.outcome import AVERAGE, BASE, LEADING_SET, Delivered
+from ...diagnosis.results.shrinkage import CrossValidation
 from ...diagnosis.selection.explanation import Explanation
 from ...diagnosis.settings import SMALL_CAMPAIGN
 from ...diagnosis.system import Array, Points
@@ -118,14 +119,33 @@ def with_served_model(diagnosis: Diagnosis) -> Diagnosis:
     if not diagnosis.gap.significant:
         return diagnosis
     handed = handed_over(diagnosis)
-    notes = diagnosis.notes
-    if handed.kind == BASE and diagnosis.verdict != "excess_scatter":
-        notes = (
-            *notes,
-            "no model with more than the base lowers the error at tests left out by more than "
-            "chance: the base model is kept",
+    served = _with_model(diagnosis, handed)
+    if _gap_grows(served):
+        handed = replace(
+            handed,
+            kind=BASE,
+            model=diagnosis.base,
+            bumps=0,
+            rmse_after=handed.rmse_before,
         )
-    return _with_model(replace(diagnosis, notes=notes), handed)
+        served = _with_model(diagnosis, handed)
+    if handed.kind != BASE or diagnosis.verdict == "excess_scatter":
+        return served
+    note = (
+        "no model with more than the base lowers the error at tests left out by more than "
+        "chance: the base model is kept"
+    )
+    return replace(served, notes=(*served.notes, note))
+
+
+def _gap_grows(diagnosis: Diagnosis) -> bool:
+    """Return whether the gap over the range of the tests is larger with the model handed over.
+
+    A holdout judges the model and does not choose it.
+    """
+    fraction = diagnosis.shrinkage.fraction
+    is_choice = isinstance(diagnosis.judge, CrossValidation)
+    return is_choice and fraction is not None and fraction < 0.0
 
 
 def without_remainder(diagnosis: Diagnosis) -> Diagnosis:

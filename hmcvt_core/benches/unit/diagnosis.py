@@ -50,10 +50,10 @@ class UnitDiagnosis:
         diagnosis: as of any system; the gap is that of the flow loss.
         paper: the terms of the paper alone, refitted, the meters taken as exact.
         model: with the leading set of effects, whether the verdict names it or not.
-        served: the model that is handed over; None where there is no gap.
+        served: the saved model; None where there is no gap.
         leading: names of the effects of `model`.
         holdout: held-out samples, or None.
-        same: in how many of the deals the same set leads; None where no cause is named.
+        same: in how many of the fold assignments the same set leads; None where no cause is named.
         seed: of every random number.
     """
 
@@ -75,7 +75,7 @@ class UnitDiagnosis:
     def rmse(self) -> dict[str, dict[str, float | None]]:
         """Errors by channel, m3/s and N m; None without a holdout.
 
-        `base` is the terms of the paper, `with_effects` the model that is handed over.
+        `base` is the terms of the paper, `with_effects` the saved model.
         """
         models = {"base": self.paper, "with_effects": self.served or self.model}
         errors: dict[str, dict[str, float | None]] = {"flow": {}, "torque": {}}
@@ -182,7 +182,7 @@ def _errors_in_words(row: dict[str, float | None], channel: Channel) -> str:
         if value is not None
     }
     text = (
-        f"rms left by the paper's terms -> handed over, {channel.unit}: "
+        f"rms left by the paper's terms -> saved model, {channel.unit}: "
         f"fitted {errors['base']} -> {errors['with_effects']}"
     )
     if "holdout_base" in errors:
@@ -204,13 +204,13 @@ def diagnose_unit(
 ) -> UnitDiagnosis | UnitChange:
     """Diagnose the gap between the loss terms of the paper and a unit, or a change of it.
 
-    A set of causes is named only where it leads in three quarters of the deals too. While the
-    displacement stated is in doubt, no other cause is named.
+    A set of causes is named only where it leads in three quarters of the fold assignments too.
+    While the displacement stated is in doubt, no other cause is named.
 
     Args:
         samples: at least five.
         holdout: of the same unit, such as a band of pressure.
-        deals: whether to repeat the search without each part of the samples.
+        deals: whether to repeat the search without each part of the samples (fold assignments).
         seed: of every random number.
         progress: as of `diagnose_system`.
         validation: former name of `holdout`.
@@ -278,7 +278,7 @@ def _handed_over(
     samples: UnitSamples,
     progress: Callable[[str], None] | None,
 ) -> tuple[Diagnosis, ServedUnit | None]:
-    """Return a diagnosis without contradicted sets, and the model that is handed over.
+    """Return a diagnosis without contradicted sets, and the saved model.
 
     Args:
         diagnosis: of the unit.
@@ -289,7 +289,7 @@ def _handed_over(
     if diagnosis.verdict == "no_gap":
         return diagnosis, None
     if progress is not None:
-        progress("the model that is handed over")
+        progress("the saved model")
     served = served_unit(system, samples, leading_effects(diagnosis))
     diagnosis = refuse_contradicted(diagnosis)
     notes = (*diagnosis.notes, *served.notes())
@@ -324,7 +324,7 @@ def _with_torque(samples: UnitSamples) -> tuple[UnitSamples, list[str]]:
 
 
 def _verdict(diagnosis: Diagnosis, same: int | None, doubt: str | None) -> str:
-    """Verdict of a diagnosis with causes, weakened where deals or displacement speak against it."""
+    """Verdict of a diagnosis with causes, weakened where folds or displacement contradict it."""
     verdict = diagnosis.verdict
     if same is not None and same < STEADY * DEALS:
         verdict = "ambiguous"
@@ -360,7 +360,7 @@ def _deals_led_by(
     seed: int,
     progress: Callable[[str], None] | None,
 ) -> int:
-    """Count the deals, each without one part of the samples, in which one of some sets leads."""
+    """Count the fold assignments, each without one part of the samples, in which a set leads."""
     order = np.random.default_rng(seed).permutation(len(observed))
     count = 0
     for i, part in enumerate(np.array_split(order, DEALS), 1):

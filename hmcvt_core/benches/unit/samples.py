@@ -27,7 +27,7 @@ LOSSES = ("flow_loss", "torque_loss")
 READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
 """Quantities that a bench may read, the one in which a gap is measured first."""
 TELLING = 1e5
-"""Pressure below which a mechanical efficiency tells no torque [Pa]."""
+"""Pressure below which a mechanical efficiency determines no torque [Pa]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class UnitSamples:
         """Return the samples up to a part of the highest value along an axis, and those above.
 
         Raises:
-            InputError: none lies above, or none that tells a torque below.
+            InputError: none lies above, or none that determines a torque below.
         """
         above = (values := getattr(self, axis)) > part * values.max()
         if not above.any() or self.pressure[~above].max(initial=0.0) < TELLING:

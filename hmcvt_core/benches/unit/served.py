@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The model of a unit that is handed over: never worse than the terms of the paper alone.
+"""The saved model of a unit: never worse than the terms of the paper alone.
 
 Three models predict the losses: the terms of the paper, these with the leading set of effects, and
 the terms of real units with a smooth remainder (`sound`). They are mixed by stacking (Wolpert 1992;
@@ -128,7 +128,7 @@ class ServedUnit:
     def deviation(self, samples: UnitSamples) -> dict[str, Array]:
         """Return standard deviations of the prediction by channel, shape (n,) each.
 
-        They are the errors of the mixture at samples left out, of noise and misfit. Beyond the
+        They are the errors of the mixture at samples left out, of noise and form error. Beyond the
         samples they grow in proportion to the distance, in widths of the band that was left out.
         """
         distances = self._distances(samples)
@@ -176,7 +176,7 @@ class ServedUnit:
                 notes.append(
                     f"{channel.removesuffix('_loss')}: the effects predict {where} worse than "
                     "the terms of the paper do; they have a weight of "
-                    f"{percent:.0f} % in the model handed over there"
+                    f"{percent:.0f} % in the saved model there"
                 )
         return notes
 
@@ -229,7 +229,7 @@ class ServedUnit:
 def served_unit(
     system: HydrostaticUnit, samples: UnitSamples, effects: Sequence[Any]
 ) -> ServedUnit:
-    """Return the model of a unit that is handed over.
+    """Return the saved model of a unit.
 
     Args:
         system: the unit.

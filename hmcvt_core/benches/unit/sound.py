@@ -235,7 +235,7 @@ class SoundUnit:
     def within_temperatures(self, points: Points) -> Points:
         """Return points with oil temperatures limited to those of the baseline.
 
-        What warmer oil changes is a candidate of its own.
+        What warmer oil changes is a separate candidate.
         """
         warm = self.samples.oil_temperature
         if warm is None or self.extrapolates or OIL_TEMPERATURE.name not in points:
@@ -462,7 +462,7 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
         samples: with the columns that are compared.
     """
     points = points_of(samples)
-    # The viscosity is known along the oil temperature, so forms do not bend along it.
+    # The viscosity is known along the oil temperature, so forms have no error along it.
     axes = [SPEED, PRESSURE]
     if np.ptp(samples.displacement_ratio) > STROKE.tolerance:
         axes.insert(0, STROKE)
@@ -546,7 +546,7 @@ def _stacked(points: Points) -> Array:
 def _min_widths(points: Points) -> Array:
     """Return the least range by which each axis is scaled, shape (axes,).
 
-    A remainder does not bend within a small part of the working range, however little of it the
+    A remainder does not change within a small part of the working range, however little of it the
     baseline covers.
     """
     widths = []

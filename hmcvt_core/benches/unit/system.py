@@ -6,7 +6,7 @@ Pressure, speed and stroke are given, so that the model is explicit, in two chan
 .. math:: Q_l = C \, dp, \qquad T_l = f w + c \, V \epsilon \, dp
 
 the leakage of eq. (13), the damping and the friction of eqs (14), (15). The paper assumes c = 0.01,
-because a transmission hardly shows it; the tests of a unit do, so that c is refitted as the other
+because a transmission barely shows it; the tests of a unit do, so that c is refitted as the other
 two are (the three coefficients of Wilson 1950). Effects act through their hooks in the pump-motor
 pair.
 """

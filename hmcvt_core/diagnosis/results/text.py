@@ -85,9 +85,12 @@ def _gap_lines(outcome: Outcome) -> list[str]:
     without = ""
     if outcome.shared_errors:
         without = ", without the errors of the meters"
+    limit = f"limit {GAP_SIGNIFICANCE:g}"
+    if gap.significant and gap.p_value > GAP_SIGNIFICANCE:
+        limit += ", but an explanation of all tests leaves no doubt"
     lines = [
         f"gap        {gap.samples} samples, {before} rms beyond the noise, "
-        f"{p_is(gap.p_value)} (limit {GAP_SIGNIFICANCE:g})",
+        f"{p_is(gap.p_value)} ({limit})",
         f"noise      {amount(outcome, gap.noise)}; before the fit "
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
         f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples "

@@ -38,8 +38,9 @@ from ..settings import (
     ROUNDING,
     SCATTERED_FRACTION,
     SIZE_SPREADS,
+    WITHIN_CLASS_DEVIATIONS,
 )
-from ..system import Array
+from ..system import Array, Effect
 from .discrepancy import Columns, Discrepancy, allowed_columns, base_discrepancy
 from .families import select_families
 from .prediction import Prediction
@@ -61,7 +62,8 @@ class Explanation:
         families: numbers of the families of `allowed_columns` that are likeliest to be present.
         form_error: name of the effect that is no cause but a form error of the others; empty
             for none.
-        absent: names of the effects whose size is zero within its error: they are no causes.
+        absent: names of the effects that are no causes: their size is zero within its error, or
+            that of a meter within its class.
         has_excess_noise: whether noise above its statement is an unlisted loss.
     """
 
@@ -300,15 +302,36 @@ def _change_of_size_priors(
 
 
 def without_absent(explanation: Explanation) -> Explanation:
-    """Return an explanation in which no effect is a cause whose interval holds zero."""
+    """Return an explanation in which no effect is a cause that is zero, or an error of a meter.
+
+    The interval of its size holds zero, or it joins others and is within the class of the meter.
+    """
     fit = explanation.fit
     reach = INTERVAL_DEVIATIONS * explanation.size_errors
-    is_absent = np.abs(fit.sizes) <= reach
+    is_zero = np.abs(fit.sizes) <= reach
     absent = []
-    for effect, no_cause in zip(fit.hypothesis.effects, is_absent, strict=True):
-        if no_cause:
+    of_meters = []
+    for effect, zero in zip(fit.effects, is_zero.tolist(), strict=True):
+        if zero:
             absent.append(effect.name)
+        elif _is_within_class(effect, fit.observed):
+            of_meters.append(effect.name)
+    # What is all of a gap is more than its meter explains.
+    if len(absent) + len(of_meters) < len(fit.effects):
+        absent += of_meters
     return replace(explanation, absent=tuple(absent))
+
+
+def _is_within_class(effect: Effect, observed: Observations) -> bool:
+    """Return whether an effect is no larger than the error of a meter that readings share."""
+    named = getattr(effect, "shared_error", "")
+    deviations = [
+        item.deviation for item in observed.shared_names if item.name == named
+    ]
+    if not deviations:
+        return False
+    size = effect.values()[effect.sizes()[0].name]
+    return abs(size) <= WITHIN_CLASS_DEVIATIONS * max(deviations)
 
 
 def with_form_errors(explanation: Explanation) -> list[Explanation]:

@@ -21,6 +21,7 @@ class DisplacementOffset(_Displacement):
     form = "offset"
     summary = "the swash plate stands a constant angle off the one commanded"
     source = "feedback zero of swash actuators"
+    shared_error = "zero of the stroke sensor"
 
     offset: float = size("-", 0.015, -0.1, 0.1, "true minus commanded ratio")
 
@@ -35,6 +36,7 @@ class DisplacementGain(_Displacement):
     form = "gain"
     summary = "the swash plate turns by another angle than commanded, in proportion"
     source = "feedback gain of swash actuators"
+    shared_error = "gain of the stroke sensor"
 
     gain: float = size("-", 0.02, -0.1, 0.1, "true / commanded ratio - 1")
 

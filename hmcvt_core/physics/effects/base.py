@@ -99,6 +99,11 @@ class EffectParameter:
         return bool(self.grid) and self.between and self.high > self.low
 
     @property
+    def within_grid(self) -> bool:
+        """Whether a refit keeps a shape between the ends of its grid."""
+        return (self.low, self.high) == (min(self.grid), max(self.grid))
+
+    @property
     def is_size(self) -> bool:
         """Whether zero switches the effect off."""
         return not self.grid
@@ -137,22 +142,34 @@ def size(unit: str, typical: float, low: float, high: float, meaning: str) -> An
 
 
 def shape(
-    unit: str, grid: tuple[float, ...], meaning: str, between: bool = True
+    unit: str,
+    grid: tuple[float, ...],
+    meaning: str,
+    between: bool = True,
+    limits: tuple[float, float] | None = None,
 ) -> Any:
     """Declare a parameter that bends the form; `grid[len(grid) // 2]` is its default.
 
-    With `between` the leading sets are refitted with it anywhere between the ends of the grid; not
-    where all of it are whole numbers (int), which are a switch or an index.
+    With `between` the leading sets are refitted with it anywhere between its limits; not where all
+    of the grid are whole numbers (int), which are a switch or an index.
+
+    Args:
+        unit: for reports.
+        grid: values tried first, ascending.
+        meaning: for reports.
+        between: whether a refit may leave the grid.
+        limits: of a refit; the ends of the grid if None. Wider ones cost no further form.
     """
     typical = grid[len(grid) // 2]
+    low, high = limits or (min(grid), max(grid))
     return field(
         default=typical,
         metadata={
             "unit": unit,
             "meaning": meaning,
             "typical": typical,
-            "low": min(grid),
-            "high": max(grid),
+            "low": low,
+            "high": high,
             "grid": grid,
             "between": between and not all(isinstance(each, int) for each in grid),
         },
@@ -180,6 +197,8 @@ class Effect:
         summary: what it does, in plain words.
         source: where its form comes from.
         remedy: the measurement that settles it when no operating point can; may be empty.
+        shared_error: error of a meter that it is a larger value of, as `SharedError.name`; may be
+            empty. Within the class of that meter it is no cause.
         unit_only: whether it is a candidate on the bench of a single pump or motor only.
         change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
@@ -198,6 +217,7 @@ class Effect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
+    shared_error: ClassVar[str] = ""
     unit_only: ClassVar[bool] = False
     change_only: ClassVar[bool] = False
     needs_oil_temperature: ClassVar[bool] = False

@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Several sets of effects in one solution of the balance, one for each row of the points.
 
-A call at a hundred points takes hardly longer than one at a single point. Cases that differ in
+A call at a hundred points takes barely longer than one at a single point. Cases that differ in
 their effects are therefore rows of arrays of shape (..., rows, n), and are solved together.
 """
 

@@ -13,7 +13,6 @@ from .base import Array, Effect, ShaftState, Value, ramp, shape, size
 _SLIP_REVERSAL = 2.0  # rad/s, over which the friction of a gripping clutch turns round
 
 _TORQUE_REFERENCE = 400.0  # N m above the holding torque, at which a slip is stated
-_BREAKAWAY = 0.1  # part of the holding torque within which a clutch begins to slip
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,15 @@ class ClutchSlip(Effect):
         "torque of the output up to which the clutch holds",
     )
     exponent: float = shape("-", (1.0, 2.0, 3.0), "power of the torque above it")
+    width: float = shape(
+        "-",
+        (0.1,),
+        "half width of the onset / torque up to which the clutch holds",
+        limits=(0.03, 0.9),
+    )
 
     def output_slip(self, torque: Array) -> Value:
-        above = ramp(torque - self.holding, _BREAKAWAY * self.holding)
+        above = ramp(torque - self.holding, self.width * self.holding)
         return self.slip * (above / _TORQUE_REFERENCE) ** self.exponent
 
 

@@ -21,6 +21,7 @@ class EngineTorqueZero(_TorqueMeter):
     """The engine torque meter reads T + zero."""
 
     form = "zero of the engine meter"
+    shared_error = "zero of the engine meter"
     summary = (
         "the engine torque meter is off by a constant: light loads look wrong most"
     )
@@ -38,6 +39,7 @@ class EngineTorqueGain(_TorqueMeter):
     """The engine torque meter reads T (1 + gain)."""
 
     form = "gain of the engine meter"
+    shared_error = "gain of the meters"
     summary = "the engine torque meter is off in proportion: every efficiency looks wrong alike"
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")
@@ -51,6 +53,7 @@ class OutputTorqueZero(_TorqueMeter):
     """The output torque meter reads T + zero."""
 
     form = "zero of the output meter"
+    shared_error = "zero of the output meter"
     summary = (
         "the output torque meter is off by a constant: light loads look wrong most"
     )
@@ -66,6 +69,7 @@ class OutputTorqueGain(_TorqueMeter):
     """The output torque meter reads T (1 + gain)."""
 
     form = "gain of the output meter"
+    shared_error = "gain of the meters"
     summary = "the output torque meter is off in proportion: every efficiency looks wrong alike"
 
     gain: float = size("-", 0.012, -0.1, 0.1, "reading / torque - 1")

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A trial of somebody's effect at a few points: what a hook gives wrongly is said with its name."""
 
+from difflib import get_close_matches
 from inspect import signature
 from types import FunctionType
 from typing import Any
@@ -11,15 +12,19 @@ from ...errors import InputError
 from .base import Effect, ShaftState
 
 _POINTS = 3
+NEARLY = 0.8
+"""Similarity of names (difflib) from which a method is taken for a misspelt hook; chosen."""
 
 
 def trial(kind: type[Effect]) -> None:
     """Call every hook that an effect overrides, with its sizes as they are typical.
 
     Raises:
-        InputError: a hook fails, changes the state that it is given, or gives neither one number
-            nor one for each point; the effect and the hook are named.
+        InputError: a hook fails, changes the state that it is given, gives neither one number
+            nor one for each point, or is misspelt, or the effect overrides none; the effect and the
+            hook are named.
     """
+    _require_hooks(kind)
     effect = kind().with_values({item.name: item.typical for item in kind.sizes()})
     for hook, plain in vars(Effect).items():
         where, state = f"effect {kind.name}: {hook}", _state()
@@ -62,6 +67,31 @@ def trial(kind: type[Effect]) -> None:
             raise InputError(
                 f"{where} changes {changed[0]} of the state; make a new array instead"
             )
+
+
+def _require_hooks(kind: type[Effect]) -> None:
+    """Refuse an effect that overrides no hook, and a method whose name is nearly that of one."""
+    hooks = []
+    for name, plain in vars(Effect).items():
+        if isinstance(plain, FunctionType) and not name.startswith("_"):
+            hooks.append(name)
+    for owner in kind.__mro__:
+        if owner in (Effect, object):
+            continue
+        for name, method in vars(owner).items():
+            is_public = isinstance(method, FunctionType) and not name.startswith("_")
+            if not is_public or name in hooks:
+                continue
+            meant = get_close_matches(name, hooks, n=1, cutoff=NEARLY)
+            if meant:
+                raise InputError(
+                    f"effect {kind.name}: method {name} is no hook; {meant[0]} is: rename it, or "
+                    f"begin its name with _"
+                )
+    if not kind.acts_at(*hooks):
+        raise InputError(
+            f"effect {kind.name}: overrides no hook; there is {', '.join(sorted(hooks))}"
+        )
 
 
 def _same(before: Any, after: Any) -> bool:

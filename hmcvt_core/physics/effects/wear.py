@@ -74,6 +74,8 @@ class UnreadOilTemperature(OilTemperature):
         "K", 15.0, -40.0, 60.0, "oil temperature above that of the baseline"
     )
     film_exponent: float = 1.0
+    viscosity_40: float = 46.0
+    viscosity_100: float = 6.8
 
     def viscosity_ratio(self, oil_temperature: Array) -> Value:
         """Viscosity against that of the baseline [-].

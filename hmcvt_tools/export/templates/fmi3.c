@@ -1,7 +1,9 @@
 /*
  * Functions of FMI 3.0 for co-simulation and model exchange.
  *
- * The model has no states and no events: outputs follow from the inputs at any time.
+ * The model has no states and no events: outputs follow from the inputs at any time. What both
+ * versions of FMI share is in hmcvt_unit.c; the rest are functions whose names, arguments and
+ * statuses FMI prescribes, and differently in each version.
  */
 #if !defined(FMI3_FUNCTION_PREFIX) && !defined(FMI3_OVERRIDE_FUNCTION_PREFIX)
 #define FMI3_FUNCTION_PREFIX ${identifier}_
@@ -270,86 +272,36 @@ fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, fmi3Float32 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
+/* Functions for a type that no variable has. */
+#define NO_VALUES_OF(kind, type)                                                                 \
+    fmi3Status kind(fmi3Instance instance, const fmi3ValueReference valueReferences[],          \
+                    size_t nValueReferences, type values[], size_t nValues)                     \
+    {                                                                                           \
+        (void)valueReferences;                                                                  \
+        (void)values;                                                                           \
+        (void)nValues;                                                                          \
+        return no_values(instance, nValueReferences);                                           \
+    }
 
-fmi3Status fmi3GetInt8(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                       size_t nValueReferences, fmi3Int8 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetUInt8(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3UInt8 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetInt16(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3Int16 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetUInt16(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, fmi3UInt16 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetUInt32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, fmi3UInt32 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3Int64 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, fmi3UInt64 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3GetString(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, fmi3String values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
+NO_VALUES_OF(fmi3GetFloat32, fmi3Float32)
+NO_VALUES_OF(fmi3GetInt8, fmi3Int8)
+NO_VALUES_OF(fmi3GetUInt8, fmi3UInt8)
+NO_VALUES_OF(fmi3GetInt16, fmi3Int16)
+NO_VALUES_OF(fmi3GetUInt16, fmi3UInt16)
+NO_VALUES_OF(fmi3GetUInt32, fmi3UInt32)
+NO_VALUES_OF(fmi3GetInt64, fmi3Int64)
+NO_VALUES_OF(fmi3GetUInt64, fmi3UInt64)
+NO_VALUES_OF(fmi3GetString, fmi3String)
+NO_VALUES_OF(fmi3SetFloat32, const fmi3Float32)
+NO_VALUES_OF(fmi3SetInt8, const fmi3Int8)
+NO_VALUES_OF(fmi3SetUInt8, const fmi3UInt8)
+NO_VALUES_OF(fmi3SetInt16, const fmi3Int16)
+NO_VALUES_OF(fmi3SetUInt16, const fmi3UInt16)
+NO_VALUES_OF(fmi3SetUInt32, const fmi3UInt32)
+NO_VALUES_OF(fmi3SetInt64, const fmi3Int64)
+NO_VALUES_OF(fmi3SetUInt64, const fmi3UInt64)
+NO_VALUES_OF(fmi3SetBoolean, const fmi3Boolean)
+NO_VALUES_OF(fmi3SetString, const fmi3String)
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[],
                          size_t nValueReferences, size_t valueSizes[], fmi3Binary values[],
@@ -367,96 +319,6 @@ fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference valueRef
 {
     (void)valueReferences;
     (void)values;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetFloat32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, const fmi3Float32 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetInt8(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                       size_t nValueReferences, const fmi3Int8 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetUInt8(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3UInt8 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetInt16(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3Int16 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetUInt16(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, const fmi3UInt16 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetUInt32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, const fmi3UInt32 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3Int64 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, const fmi3UInt64 values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, const fmi3Boolean values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
-    return no_values(instance, nValueReferences);
-}
-
-fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                         size_t nValueReferences, const fmi3String values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    (void)nValues;
     return no_values(instance, nValueReferences);
 }
 

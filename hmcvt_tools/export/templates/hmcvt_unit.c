@@ -25,6 +25,17 @@ static double optimal_displacement_ratio(const hmcvt_unit *unit)
     return best.displacement_ratio;
 }
 
+static hmcvt_stage_choice choose_stage(const hmcvt_unit *unit)
+{
+    hmcvt_stage_choice choice;
+    const bool is_known = (unit->stage >= 0) && (unit->stage < HMCVT_STAGES);
+    (void)hmcvt_choose_stage_with(&unit->parameters, is_known ? unit->stage : HMCVT_NO_STAGE,
+                                  unit->hysteresis, unit->demanded_output_speed,
+                                  unit->demanded_output_power, unit->lowest_engine_speed,
+                                  unit->highest_engine_speed, &choice);
+    return choice;
+}
+
 void hmcvt_unit_reset(hmcvt_unit *unit)
 {
     unit->parameters = hmcvt_identified_parameters;
@@ -33,6 +44,11 @@ void hmcvt_unit_reset(hmcvt_unit *unit)
     unit->engine_speed = ${start_engine_speed};
     unit->load_torque = ${start_load_torque};
     unit->stage = ${start_stage};
+    unit->demanded_output_speed = ${start_demanded_output_speed};
+    unit->demanded_output_power = ${start_demanded_output_power};
+    unit->hysteresis = ${start_hysteresis};
+    unit->lowest_engine_speed = ${start_lowest_engine_speed};
+    unit->highest_engine_speed = ${start_highest_engine_speed};
 }
 
 bool hmcvt_unit_get_real(const hmcvt_unit *unit, unsigned int reference, double *value)
@@ -83,6 +99,24 @@ bool hmcvt_unit_get_real(const hmcvt_unit *unit, unsigned int reference, double 
     case EFFICIENCY_STD:
         *value = efficiency_std(unit);
         break;
+    case DEMANDED_OUTPUT_SPEED:
+        *value = unit->demanded_output_speed;
+        break;
+    case DEMANDED_OUTPUT_POWER:
+        *value = unit->demanded_output_power;
+        break;
+    case HYSTERESIS:
+        *value = unit->hysteresis;
+        break;
+    case LOWEST_ENGINE_SPEED:
+        *value = unit->lowest_engine_speed;
+        break;
+    case HIGHEST_ENGINE_SPEED:
+        *value = unit->highest_engine_speed;
+        break;
+    case OPTIMAL_ENGINE_SPEED:
+        *value = choose_stage(unit).best.engine_speed;
+        break;
     default:
         known = false;
         break;
@@ -112,6 +146,21 @@ bool hmcvt_unit_set_real(hmcvt_unit *unit, unsigned int reference, double value)
     case PUMP_DAMPING:
         unit->parameters.pump_damping = value;
         break;
+    case DEMANDED_OUTPUT_SPEED:
+        unit->demanded_output_speed = value;
+        break;
+    case DEMANDED_OUTPUT_POWER:
+        unit->demanded_output_power = value;
+        break;
+    case HYSTERESIS:
+        unit->hysteresis = value;
+        break;
+    case LOWEST_ENGINE_SPEED:
+        unit->lowest_engine_speed = value;
+        break;
+    case HIGHEST_ENGINE_SPEED:
+        unit->highest_engine_speed = value;
+        break;
     default:
         known = false;
         break;
@@ -129,6 +178,9 @@ bool hmcvt_unit_get_integer(const hmcvt_unit *unit, unsigned int reference, int 
         break;
     case STATUS:
         *value = predict(unit, &out);
+        break;
+    case OPTIMAL_STAGE:
+        *value = choose_stage(unit).stage;
         break;
     default:
         known = false;

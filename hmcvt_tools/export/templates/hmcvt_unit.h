@@ -4,7 +4,7 @@
 #ifndef HMCVT_UNIT_H
 #define HMCVT_UNIT_H
 
-#include "hmcvt_model.h"
+#include "hmcvt_stage.h"
 
 #include <stdbool.h>
 
@@ -23,6 +23,11 @@ typedef struct {
     double displacement_ratio;
     double engine_speed;
     double load_torque;
+    double demanded_output_speed;
+    double demanded_output_power;
+    double hysteresis;
+    double lowest_engine_speed;
+    double highest_engine_speed;
     int stage;
 } hmcvt_unit;
 

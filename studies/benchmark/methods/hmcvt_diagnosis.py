@@ -4,14 +4,19 @@
 import numpy as np
 
 import hmcvt_core as hmcvt
+from hmcvt_core.benches.unit import UnitChange, diagnose_unit
+from hmcvt_core.benches.unit.system import points_of
 from studies.benchmark.answer import Answer
-from studies.benchmark.case import Case
+from studies.benchmark.case import Case, read_columns
+from studies.benchmark.rig import ideal_flow, samples_of
 
 VERDICTS = {"no_gap": "no_gap", "unexplained": "unlisted", "excess_scatter": "unlisted"}
 
 
 def answer(case: Case) -> Answer:
-    """Diagnose the bench file of a case."""
+    """Diagnose the bench file of a case, against its baseline where there is one."""
+    if (case.folder / "baseline.csv").is_file():
+        return against_baseline(case)
     model = hmcvt.load_model(case.folder / "stage.yaml")
     found = hmcvt.diagnose(model, hmcvt.read_bench(case.folder / "bench.csv"))
     points = case.points
@@ -45,5 +50,35 @@ def answer(case: Case) -> Answer:
         promised=found.shrinkage.fraction,
         gap=tuple(gap.tolist()),
         gap_deviation=tuple(np.nan_to_num(deviation).tolist()),
+        prediction=tuple(prediction.tolist()),
+    )
+
+
+def against_baseline(case: Case) -> Answer:
+    """Diagnose what has changed in a pump since its baseline."""
+    displacement = case.card["machine"]["displacement"]
+    sound = samples_of(read_columns(case.folder / "baseline.csv"), displacement)
+    change = diagnose_unit(samples_of(case.tests, displacement), baseline=sound)
+    assert isinstance(change, UnitChange)
+    found = change.diagnosis
+    points = samples_of(case.points, displacement)
+    ideal = ideal_flow(points)
+    prediction = 1.0 - change.model.predict(points)["flow_loss"] / ideal
+    gap, deviation = found.gap_at(**points_of(points))
+    no_gap = float(found.advice.no_gap)
+    sets = tuple(
+        (item.effects, (1.0 - no_gap) * item.probability) for item in found.sets
+    )
+    return Answer(
+        case=case.name,
+        method="hmcvt",
+        verdict=VERDICTS.get(found.verdict, "listed") if sets else "no_gap",
+        sets=sets,
+        no_gap_probability=no_gap,
+        unlisted_probability=(1.0 - no_gap) * found.unlisted,
+        part=change.component,
+        promised=found.shrinkage.fraction,
+        gap=tuple((-gap / ideal).tolist()),
+        gap_deviation=tuple((deviation / ideal).tolist()),
         prediction=tuple(prediction.tolist()),
     )

@@ -93,12 +93,12 @@ def promise_miss(record: Record) -> float | None:
 
 
 def removed(record: Record) -> float:
-    """Fraction of the squared gap that the model handed over removes at fresh tests."""
+    """Fraction of the squared gap that the saved model removes at fresh tests."""
     return float(record["met"])
 
 
 def not_worse(record: Record) -> bool:
-    """Whether the model handed over is not worse than the base by more than 2 %."""
+    """Whether the saved model is not worse than the base by more than 2 %."""
     return bool(record["left_gap"] <= WORSE * record["true_gap"])
 
 
