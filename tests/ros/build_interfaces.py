@@ -19,6 +19,18 @@ SOURCES = Path(__file__).resolve().parents[2] / PACKAGE
 SHARE = Path(sys.prefix) / "share"
 INCLUDED = ("std_msgs", "builtin_interfaces")
 SUPPORT = "rosidl_typesupport_fastrtps_c"
+LINKED = (
+    "rosidl_runtime_c",
+    "rosidl_typesupport_c",
+    SUPPORT,
+    "rosidl_typesupport_fastrtps_cpp",
+    "rosidl_typesupport_introspection_c",
+    "fastcdr",
+    "rmw",
+    "rcutils",
+    "rcpputils",
+)
+INTROSPECTION = "rosidl_typesupport_introspection_c"
 
 
 def generate(folder: Path) -> None:
@@ -29,6 +41,7 @@ def generate(folder: Path) -> None:
     import rosidl_generator_type_description
     import rosidl_typesupport_c
     import rosidl_typesupport_fastrtps_c
+    import rosidl_typesupport_introspection_c
     from rosidl_adapter import convert_to_idl
 
     relative = []
@@ -65,20 +78,27 @@ def generate(folder: Path) -> None:
     )
     described = [f"{path}:{(folder / path).with_suffix('.json')}" for path in relative]
     rosidl_generator_c.generate_c(
-        arguments("rosidl_generator_c", type_description_tuples=described),
-        disable_description_codegen=True,
+        arguments(
+            "rosidl_generator_c",
+            type_description_tuples=described,
+            ros_interface_files=[str(path) for path in SOURCES.glob("msg/*.msg")],
+        )
     )
     rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(
         arguments(SUPPORT, type_description_tuples=described)
     )
+    rosidl_typesupport_introspection_c.generate_c(
+        arguments(INTROSPECTION, type_description_tuples=described)
+    )
     rosidl_typesupport_c.generate_c(
-        arguments("rosidl_typesupport_c", type_description_tuples=described), [SUPPORT]
+        arguments("rosidl_typesupport_c", type_description_tuples=described),
+        [SUPPORT, INTROSPECTION],
     )
     rosidl_generator_py.generate_py(
         arguments("rosidl_generator_py", type_description_tuples=described),
         ["rosidl_typesupport_c"],
     )
-    for generator in ("rosidl_generator_c", SUPPORT):
+    for generator in ("rosidl_generator_c", SUPPORT, INTROSPECTION):
         _write_visibility(folder, generator)
     (folder / "__init__.py").touch()
 
@@ -99,53 +119,49 @@ def compile_package(folder: Path) -> Path:
     site = Path(sysconfig.get_path("purelib"))
     root = folder.parent
     include = [root, numpy.get_include(), sysconfig.get_path("include")]
+    include.append(Path(sys.prefix) / "include")
     include += [
         path for path in (Path(sys.prefix) / "include").iterdir() if path.is_dir()
     ]
     include += [path for path in site.glob("*/include") if path.is_dir()]
     flags = [f"-I{path}" for path in include]
     objects = []
-    # All of one language at once: reading the headers takes longest.
-    for suffix, compiler in ((".c", ["gcc"]), (".cpp", ["g++", "-std=c++17"])):
-        sources = sorted(folder.rglob(f"*{suffix}"))
+    # Together where names do not collide: reading the headers takes longest.
+    alone = sorted(folder.rglob("*__description.c"))
+    together = []
+    for suffix in (".c", ".cpp"):
+        sources = sorted(set(folder.rglob(f"*{suffix}")) - set(alone))
         everything = root / f"everything{suffix}"
         lines = [f'#include "{source}"' for source in sources]
         everything.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        target = f"{everything}.o"
+        together.append(everything)
+    for source in (*alone, *together):
+        target = f"{source}.o"
+        compiler = ["g++", "-std=c++17"] if source.suffix == ".cpp" else ["gcc"]
         options = ["-O0", "-fPIC", "-w", *flags]
         subprocess.run(
-            [*compiler, *options, "-c", str(everything), "-o", target], check=True
+            [*compiler, *options, "-c", str(source), "-o", target], check=True
         )
         objects.append(target)
     library = Path(sys.prefix) / "lib"
-    used = [
-        str(path) for name in INCLUDED for path in library.glob(f"lib{name}__*_c.so")
-    ]
-    used += [
-        str(path) for name in INCLUDED for path in library.glob(f"lib{name}__*_py.so")
-    ]
-    used += [
-        str(path)
-        for name in (
-            "rosidl_runtime_c",
-            "rosidl_typesupport_c",
-            SUPPORT,
-            "rosidl_typesupport_fastrtps_cpp",
-            "fastcdr",
-            "rmw",
-            "rcutils",
-        )
-        for path in library.glob(f"lib{name}.so*")
-    ]
-    module = (
-        folder
-        / f"{PACKAGE}_s__rosidl_typesupport_c{sysconfig.get_config_var('EXT_SUFFIX')}"
-    )
-    subprocess.run(
-        ["g++", "-shared", "-o", str(module), *objects, *used, f"-Wl,-rpath,{library}"],
-        check=True,
-    )
+    patterns = [f"lib{name}__*_{kind}.so" for name in INCLUDED for kind in ("c", "py")]
+    patterns += [f"lib{name}.so" for name in LINKED]
+    used = [str(path) for pattern in patterns for path in library.glob(pattern)]
+    # A message asks for its support by the name of a library; one library holds all of it.
+    main_library = folder / f"lib{PACKAGE}__{SUPPORT}.so"
+    _link(main_library, *objects, *used, f"-Wl,-rpath,{library}")
+    other = folder / f"lib{PACKAGE}__{INTROSPECTION}.so"
+    _link(other, str(main_library))
+    suffix = sysconfig.get_config_var("EXT_SUFFIX")
+    module = folder / f"{PACKAGE}_s__rosidl_typesupport_c{suffix}"
+    _link(module, str(main_library), str(other))
     return module
+
+
+def _link(target: Path, *inputs: str) -> None:
+    """Link a shared library that is found by its name once it is loaded."""
+    options = ["-Wl,--no-as-needed", "-Wl,-rpath,$ORIGIN", f"-Wl,-soname,{target.name}"]
+    subprocess.run(["g++", "-shared", "-o", str(target), *options, *inputs], check=True)
 
 
 def main() -> int:

@@ -64,6 +64,9 @@ if not CORE_ONLY:
 BUSY = 3.0
 """Load of the machine from which an idle priority gets nothing in the time of a test."""
 
+START_LIMIT = 120.0
+"""Time for the start of a node on a machine whose processors are all busy [s]."""
+
 RAISED: set[int] = set()
 """Workers whose priority the tests have raised."""
 
@@ -338,7 +341,9 @@ def start_anywhere(
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
         started.callback(node.kill)
         boost.add(process.pid)
-        up = node.player.wait_for_node(running=lambda: process.poll() is None)
+        up = node.player.wait_for_node(
+            START_LIMIT, running=lambda: process.poll() is None
+        )
         assert up, f"the node did not come up:\n{node.log}"
         return node
 
