@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
 from ..diagnosis.system import Array, Axis, BaseParameters, Channel, Points
 from ..errors import InputError
@@ -244,6 +243,8 @@ class Simulator:
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return the points that a test can ask for."""
+        from scipy.stats import qmc
+
         if self.tests is not None:
             return self.tests
         steered = [axis for axis in self.axes if axis.steered]

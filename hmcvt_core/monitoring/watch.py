@@ -13,17 +13,14 @@ from ..benches.transmission.channels import EFFICIENCY_CHANNEL
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
 from ..model.checks import require_model_and_samples
-from ..model.intervals import half_width
 from ..model.model import EfficiencyModel
 from ..model.staged_samples import stage_of_each
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
 from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
 from .change_test import FALSE_ALARMS, ChangeTest, step_size
 
-_LEVEL = 0.95
-"""Of intervals."""
 QUANTILE = 1.96
-"""Of the normal distribution, for intervals of that level."""
+"""Of the normal distribution, for intervals of 95 %."""
 KEPT_SAMPLES = 4000
 """Last samples that are kept to estimate the size of a gap; limits memory."""
 MIDDLE_LOAD = 200.0
@@ -277,18 +274,13 @@ class Watch:
 
 
 def _prior_of(model: EfficiencyModel) -> Array:
-    """Covariance of the plane, and of the parameters in their standard errors, (4, 4) or (7, 7).
-
-    That of the parameters is widened, so that `QUANTILE`, of the normal distribution, gives the
-    interval of Student's t with the degrees of freedom of the identification.
-    """
+    """Covariance of the plane, and of the parameters in their standard errors, (4, 4) or (7, 7)."""
     from scipy.linalg import block_diag
 
     plane = np.eye(PLANE_TERMS)
     if model.standard_errors and model.correlation is not None:
         plane *= EFFICIENCY_CHANNEL.misfit_spread**2
-        widened = half_width(model.degrees_of_freedom, _LEVEL) / QUANTILE
-        return np.asarray(block_diag(plane, widened**2 * model.correlation))
+        return np.asarray(block_diag(plane, model.correlation))
     return plane * PAPER_EFFICIENCY_UNCERTAINTY**2
 
 

@@ -167,7 +167,7 @@ TABLE = """engine_speed [r/min],torque [N m],fuel [g/kWh]
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[g/kWh]", "[l/h]", r"'l/h' is no unit of fuel; there is kg/s, g/s, g/h"),
+        ("[g/kWh]", "[l/h]", r"'l/h' is no unit of fuel; there is kg/s, g/s, mg/s"),
         ("fuel [g/kWh]", "fuel", r"column fuel \[unit\] is missing"),
         ("[r/min]", "[rad/s]", r"row 2: engine_speed = 1000 is outside 10 to 320"),
         ("1000,300,230\n", "", r"row 3: 1000 r/min: torques 100, 600 N m leave a hole"),

@@ -55,25 +55,6 @@ def test_model_without_errors_is_allowed_more():
     assert watched(MODEL, low).open and not watched(blank, low).open
 
 
-def test_identification_from_few_tests_is_allowed_student_t():
-    """Parameters three errors off are a gap, unless those errors have one degree of freedom."""
-    samples = stream(MODEL, 1, samples=60)
-    errors = MODEL.standard_errors
-    given = MODEL.parameters
-    parameters = replace(
-        given,
-        leakage=given.leakage + 3.0 * errors["leakage"],
-        pump_damping=given.pump_damping + 3.0 * errors["pump_damping"],
-    )
-    unit = replace(MODEL, parameters=parameters)
-    at = samples.points[:3]
-    change = unit.efficiency(*at) - MODEL.efficiency(*at)
-    off = replace(samples, efficiency=samples.efficiency + change)
-    few = replace(MODEL, degrees_of_freedom=1.0)
-    assert watched(replace(MODEL, degrees_of_freedom=None), off).open
-    assert not watched(few, off).open
-
-
 def test_order_of_stamps_and_parts():
     samples = replace(stream(MODEL, 1, "step", 0.02), stamp=10.0 + np.arange(300.0))
     found = hmcvt.watch(MODEL, samples, noise=NOISE)

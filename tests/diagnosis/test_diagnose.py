@@ -37,7 +37,8 @@ CLEAR = {
     "dead band": ("displacement_error", "actuator", 0.02),
     "planetary mesh": ("planetary_mesh", "planetary", 0.06),
     "leakage": ("pressure_leakage", "pump", None),
-    "oil": ("oil_temperature", "oil", 1.0),
+    # Its strength and the viscosity at 100 deg C stand for one number between them.
+    "oil": ("oil_temperature", "oil", None),
 }
 SIMULATED = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
 SHIPPED = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
@@ -157,7 +158,10 @@ def test_second_effect_next_to_a_large_one(other, stroke, exponent, noise, seed,
 
 def test_substitute_for_one_of_two():
     found = diagnosed("a twin and another")
-    assert found.verdict in ("class_found", "ambiguous")
+    assert found.verdict == "cause_found"
+    assert [item.effects for item in found.members if item.is_present] == [
+        ("pressure_leakage",)
+    ]
     assert "pressure_leakage" in {found.causes[0].effect, found.causes[0].together_with}
     beside = [
         cause for cause in found.causes if cause.together_with == "pressure_leakage"
@@ -373,7 +377,7 @@ def test_report_says_it_shortly_in_words(name):
     assert len(sentence.split()) <= 25 and text.replace("\n", " ").startswith(sentence)
     assert " W lost on average" in sentence or name != "planetary mesh"
     lines = text.splitlines()
-    assert max(map(len, lines)) <= 100 and len(lines) <= 60
+    assert max(map(len, lines)) <= 100 and len(lines) <= 64
     assert "nan" not in text.lower().split()
     chance = "<= 0.001" if found.gap.p_value <= 0.001 else f"= {found.gap.p_value:.2g}"
     assert f"p {chance} (limit 0.02)" in text
@@ -489,7 +493,7 @@ def test_next_test_and_stop():
     )
     quiet = hmcvt.next_test(BASE, campaign(seed=1, n=48), noise=NOISE)
     assert (quiet.stop, quiet.reason) == (True, "no gap worth a test")
-    assert diagnosed("planetary mesh").advice.reason == "settled"
+    assert diagnosed("leakage").advice.reason == "settled"
     pump = diagnosed("charge pump").advice
     assert (
         pump.reason == "cannot be settled by tests" and "shaft torque" in pump.measure
@@ -561,34 +565,34 @@ def test_the_simulated_bench_gives_these_numbers():
     """As docs/diagnosis.md tells them."""
     found = hmcvt.diagnose(SHIPPED, SIMULATED)
     assert found.verdict == "ambiguous"
-    assert found.gap.p_value == 0.003
-    assert found.gap.rmse == pytest.approx(0.009439, rel=2e-3)
-    assert found.gap.noise == pytest.approx(0.0044948, rel=2e-3)
+    assert found.gap.p_value == 0.016
+    assert found.gap.rmse == pytest.approx(0.010276, rel=2e-3)
+    assert found.gap.noise == pytest.approx(0.0044918, rel=2e-3)
     probability = {each.effects: each.probability for each in found.sets[:4]}
     assert probability == pytest.approx(
         {
-            ("bearing_drag",): 0.301,
-            ("charge_pump",): 0.294,
-            ("clutch_drag",): 0.099,
-            ("brake_drag",): 0.046,
+            ("bearing_drag",): 0.302,
+            ("charge_pump",): 0.289,
+            ("accessory_drive",): 0.046,
+            ("torque_sensor",): 0.042,
         },
         abs=5e-3,
     )
-    assert found.unlisted == pytest.approx(0.196, abs=5e-3)
-    assert found.shrinkage.fraction == pytest.approx(0.9322, abs=2e-3)
-    assert found.shrinkage.interval == pytest.approx((-1.059, 0.993), abs=1e-2)
-    assert found.delivered.rmse_after == pytest.approx(0.004901, rel=5e-3)
+    assert found.unlisted == pytest.approx(0.258, abs=5e-3)
+    assert found.shrinkage.fraction == pytest.approx(0.9147, abs=2e-3)
+    assert found.shrinkage.interval == pytest.approx((-10.0, 0.996), abs=1e-2)
+    assert found.delivered.rmse_after == pytest.approx(0.004827, rel=5e-3)
     assert found.delivered.kind == "leading set"
-    assert found.lost_power == pytest.approx(1679.0, rel=1e-2)
+    assert found.lost_power == pytest.approx(1651.0, rel=1e-2)
     entry = found.causes[0].parameters["torque"]
     assert (entry["value"], *entry["interval"]) == pytest.approx(
-        (10.5, 6.0, 15.0), rel=1e-2
+        (10.3, 5.56, 15.1), rel=1e-2
     )
     drift = found.causes[0].drift["pump_damping"]
-    assert [*drift.values()] == pytest.approx([0.09892, 0.07987, 4.294], rel=5e-3)
+    assert [*drift.values()] == pytest.approx([0.09534, 0.07897, 3.862], rel=5e-3)
     first = found.where[0]
     assert [
         *first.limits["engine_speed"],
         first.mean_residual,
         first.samples,
-    ] == pytest.approx([80.804, 147.117, -0.01096, 23], rel=1e-3)
+    ] == pytest.approx([80.804, 224.036, -0.01186, 25], rel=1e-3)

@@ -16,7 +16,7 @@ from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
 
 
 def _with_a_pump(stated, noise=NOISE):
-    samples = campaign((ChargePump(20.0),), seed=3, noise=noise)
+    samples = campaign((ChargePump(20.0),), seed=4, noise=noise)
     return hmcvt.diagnose(BASE, samples, noise=stated)
 
 

@@ -174,7 +174,7 @@ LINES = (
     Line("listed: refused", "at most 5 %", _LISTED, refused),
     Line("promise: interval holds", "90 to 98 %", _LISTED, interval_holds),
     Line(
-        "model handed over: not worse than the base",
+        "saved model: not worse than the base",
         "at least 97 %",
         ("nothing", "base_off", "unlisted", "wrong_sign", "accessory", *_LISTED),
         not_worse,
