@@ -200,3 +200,4 @@ def test_a_misspelt_hook_is_refused_by_name(tmp_path, hook, message):
     path.write_text(OWN_EFFECT.format(hook=hook), encoding="utf-8")
     with pytest.raises(hmcvt.InputError, match=message):
         hmcvt.load_effects(str(path))
+    assert "own_misspelt" not in {kind.name for kind in library()}

@@ -107,6 +107,10 @@ def load_effects(source: str) -> None:
         try:
             trial(kind)
         except InputError as error:
+            # What is refused is no candidate, and the file can be loaded again once it is mended.
+            for refused in found:
+                refused.name = ""
+            sys.modules.pop(module.__name__, None)
             raise InputError(f"{source}: {error}") from error
 
 
