@@ -384,7 +384,7 @@ def _with_misfit(
     return with_misfit(model, samples.select(counted), all_folds[counted], others)
 
 
-# --- what contradicts a refit-- ------------------------------------------------------------------
+# --- objections to a refit ------------------------------------------------------------------------
 
 
 def _no_majority(candidate: _Candidate) -> str | None:

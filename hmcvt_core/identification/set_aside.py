@@ -8,12 +8,7 @@ from numpy.typing import NDArray
 
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
-from ..transmission.parameters import (
-    PARAMETER_NAMES,
-    PRIOR_MEAN,
-    HydraulicParameters,
-    from_scaled,
-)
+from ..transmission.parameters import PARAMETER_NAMES, TYPICAL_PARAMETERS
 from ..transmission.ranges import Array
 from .robust import RobustProblem
 
@@ -49,9 +44,7 @@ def agreement(model: EfficiencyModel, samples: BenchSamples, seed: int) -> Agree
         samples: n bench samples.
         seed: of the random numbers.
     """
-    before_any_bench = replace(
-        model, parameters=HydraulicParameters(*from_scaled(PRIOR_MEAN).tolist())
-    )
+    before_any_bench = replace(model, parameters=TYPICAL_PARAMETERS)
     problem = RobustProblem(before_any_bench, samples)
     everything = np.ones(len(samples), dtype=bool)
     if len(np.unique(problem.point_numbers)) <= _FEWEST_LEFT:

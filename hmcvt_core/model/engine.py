@@ -291,9 +291,8 @@ def _grouped(speed: Array) -> Array:
     for number in range(int(setting[-1]) + 1):
         rows = order[setting == number]
         if np.ptp(speed[rows]) > _WIDEST_SETTING:
-            return (
-                speed  # settings are so near each other that none can be distinguished
-            )
+            # Settings are so near each other that none can be distinguished.
+            return speed
         grouped[rows] = speed[rows].mean() if np.ptp(speed[rows]) else speed[rows]
     return grouped
 

@@ -28,6 +28,7 @@ from ..physics.single_point import PointSolver
 from ..transmission import ranges
 from ..transmission.parameters import (
     PARAMETER_RANGES,
+    TYPICAL_PARAMETERS,
     Candidates,
     HydraulicParameters,
     Parameters,
@@ -905,6 +906,23 @@ class EfficiencyModel:
 
     def _repr_html_(self) -> str:
         return preformatted(self.report())
+
+
+def typical_model(
+    stages: Sequence[Stage], effects: Sequence[Effect] = ()
+) -> EfficiencyModel:
+    """Return a model of stages with the parameters expected before any bench.
+
+    Args:
+        stages: at least one.
+        effects: that act in them.
+    """
+    return EfficiencyModel(
+        stages[0],
+        TYPICAL_PARAMETERS,
+        effects=tuple(effects),
+        other_stages=tuple(stages[1:]),
+    )
 
 
 def _as_floats(stroke: Any, speed: Any, load: Any) -> tuple[float, float, float]:

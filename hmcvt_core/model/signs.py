@@ -82,6 +82,9 @@ def signs_by_stage(
     Raises:
         InputError: as `stage_of_each`.
     """
+    expected = None
+    if samples.pressure is not None and model.formulation == BALANCE:
+        expected = _expected(model, samples, "pressure")
     signs = []
     for name, rows in _rows_by_stage(model, samples).items():
         signs.append(
@@ -89,7 +92,7 @@ def signs_by_stage(
                 name,
                 int(rows.sum()),
                 _speed_signs(model, samples, name, rows),
-                _pressure_signs(model, samples, rows),
+                _pressure_signs(samples, expected, rows),
             )
         )
     return tuple(signs)
@@ -191,14 +194,14 @@ def _speed_signs(
 
 
 def _pressure_signs(
-    model: EfficiencyModel, samples: BenchSamples, rows: NDArray[np.bool_]
+    samples: BenchSamples, expected: Array | None, rows: NDArray[np.bool_]
 ) -> str:
-    """Judge the sign of the pressure of one stage."""
-    if samples.pressure is None or model.formulation != BALANCE:
+    """Judge the sign of the pressure of one stage, as predicted, (n,), or None if it is not."""
+    if samples.pressure is None or expected is None:
         return UNKNOWN
-    expected = _expected(model, samples, "pressure")[rows]
-    clear = np.abs(expected) > CLEAR_PRESSURE  # False for NaN
-    return _judged(samples.pressure[rows][clear] * expected[clear])
+    of_stage = expected[rows]
+    clear = np.abs(of_stage) > CLEAR_PRESSURE  # False for NaN
+    return _judged(samples.pressure[rows][clear] * of_stage[clear])
 
 
 def _judged(products: Array) -> str:

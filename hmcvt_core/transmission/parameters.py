@@ -99,3 +99,7 @@ PAPER_PARAMETERS = {
     0.97: HydraulicParameters(2.43e-12, 0.0311, 0.2934),
 }
 """The triples printed in section 4.2, by gear efficiency. They do not reproduce Table 4."""
+
+
+TYPICAL_PARAMETERS = HydraulicParameters(*from_scaled(PRIOR_MEAN).tolist())
+"""Parameters expected before any bench."""

@@ -259,7 +259,7 @@ class Stage:
 
     def _member_ratio(self, driving: str, driven: str) -> float:
         """Speed of one member per speed of another while the third stands, eq. (4)."""
-        coefficients = member_speed_coefficients(self.planetary_constant)
+        coefficients = self.member_coefficients
         return -coefficients[driving] / coefficients[driven]
 
     @property

@@ -9,15 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.model import typical_model
 from hmcvt_core.model.parameter_file import load_stages
 from hmcvt_core.model.plausibility import gear_train_remarks
 from hmcvt_core.transmission.check import check_stages
-from hmcvt_core.transmission.parameters import (
-    PRIOR_MEAN,
-    HydraulicParameters,
-    from_scaled,
-)
 from hmcvt_core.transmission.ranges import Array
 
 from ..tables.raw import Imported, Proposal
@@ -72,9 +67,7 @@ def checked_by_gears(imported: Imported, transmission: str) -> Imported:
         InputError: the file is wrong, or a stage of the table is not in it.
     """
     stages = load_stages(transmission)
-    typical = HydraulicParameters(*from_scaled(PRIOR_MEAN))
-    model = EfficiencyModel(stages[0], typical, other_stages=tuple(stages[1:]))
-    remarks = gear_train_remarks(model, imported.samples)
+    remarks = gear_train_remarks(typical_model(stages), imported.samples)
     rising = {entry.name: entry.rising for entry in check_stages(stages).stages}
     notes = [_without_doubt(note, rising) for note in imported.notes]
     agreed = () if remarks else (f"the speeds agree with {transmission}",)

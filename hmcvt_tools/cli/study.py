@@ -19,15 +19,10 @@ from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.bench import BenchSamples, read_bench, write_bench
 from hmcvt_core.identification import Identification, identify
-from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.model import EfficiencyModel, typical_model
 from hmcvt_core.model.parameter_file import load_stages, save_model
 from hmcvt_core.model.signs import sign_problems, with_corrected_signs
 from hmcvt_core.transmission.check import check_stages
-from hmcvt_core.transmission.parameters import (
-    PRIOR_MEAN,
-    HydraulicParameters,
-    from_scaled,
-)
 from hmcvt_core.transmission.ranges import REQUIRED_COLUMNS
 from hmcvt_core.transmission.stage import Stage
 
@@ -173,9 +168,7 @@ class _Study:
         self, samples: BenchSamples, stages: Sequence[Stage]
     ) -> tuple[BenchSamples, str]:
         """Return samples with the signs of bench files, and what was corrected."""
-        typical = HydraulicParameters(*from_scaled(PRIOR_MEAN))
-        model = EfficiencyModel(stages[0], typical, other_stages=tuple(stages[1:]))
-        corrected, signs = with_corrected_signs(model, samples)
+        corrected, signs = with_corrected_signs(typical_model(stages), samples)
         problems = "; ".join(sign_problems(signs))
         if not problems:
             return samples, ""

@@ -10,7 +10,7 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.bench import read_bench, write_bench
-from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.model import typical_model
 from hmcvt_core.model.parameter_file import load_stages
 from hmcvt_core.model.signs import sign_problems, with_corrected_signs
 from hmcvt_core.transmission.check import STROKES, TransmissionCheck, check_stages
@@ -19,11 +19,6 @@ from hmcvt_core.transmission.new_file import (
     clutch_from_text,
     commented_file,
     stage_from_text,
-)
-from hmcvt_core.transmission.parameters import (
-    PRIOR_MEAN,
-    HydraulicParameters,
-    from_scaled,
 )
 from hmcvt_core.transmission.teeth import tooth_counts
 
@@ -341,10 +336,7 @@ def signs(
     common.one_of("name the machine", transmission=transmission, params=params)
     common.keep_inputs([bench, transmission, params], [out])
     stages, effects = common.gear_train(params, transmission, None)
-    typical = HydraulicParameters(*from_scaled(PRIOR_MEAN))
-    model = EfficiencyModel(
-        stages[0], typical, effects=effects, other_stages=tuple(stages[1:])
-    )
+    model = typical_model(stages, effects)
     corrected, found = with_corrected_signs(model, read_bench(bench))
     rows = [
         (item.stage, str(item.samples), item.output_speed, item.pressure)

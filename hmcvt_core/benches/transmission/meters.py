@@ -194,11 +194,21 @@ def _with_errors_at(
 ) -> Observations:
     """Return observations with the errors of the meters, as they act at base parameters, (p,)."""
     sessions = sessions_of(observed.samples)
-    slopes = _slopes_by_load(observed, system, base)
-    readings, speed_ratio = _without_noise(observed, system, base)
+    predicted = system.predict(base, (), observed.points)
+    rows = [system.channels.index(channel) for channel in observed.channels]
+
+    def slopes_along(axis: str, step: Array) -> Array:
+        """Return derivatives of the predicted readings, shape (channels, n)."""
+        moved = {**observed.points, axis: observed.points[axis] + step}
+        change = system.predict(base, (), moved)[rows] - predicted[rows]
+        return np.asarray(change / step)
+
+    slopes = slopes_along(LOAD_TORQUE.name, _load_step(observed))
+    stroke_slopes = slopes_along(DISPLACEMENT_RATIO.name, _stroke_step(observed))
+    readings, speed_ratio = _without_noise(observed, by_name(predicted))
     meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
     gauges = _changes_by_gauges(observed, readings)
-    gauges += _changes_by_stroke_sensor(observed, system, base)
+    gauges += _changes_by_stroke_sensor(observed, stroke_slopes)
     errors = []
     columns = []
     number = np.full(len(observed), -1.0)
@@ -260,14 +270,13 @@ def _with_load_noise(observed: Observations, slopes: Array) -> Array:
 
 
 def _without_noise(
-    observed: Observations, system: System, base: Array
+    observed: Observations, predicted: Mapping[str, Array]
 ) -> tuple[dict[str, Array], Array]:
     """Return readings by channel, and output speed / engine speed, as the base model predicts them.
 
     Columns made of readings would hold their noise, and a large zero would then explain noise.
     Where the model has no answer, a reading is that measured and the ratio is 1.
     """
-    predicted = by_name(system.predict(base, (), observed.points))
     readings = {}
     for channel, measured in zip(observed.channels, observed.measured, strict=True):
         answer = predicted[channel.name]
@@ -302,23 +311,23 @@ def _changes_by_gauges(
 
 
 def _changes_by_stroke_sensor(
-    observed: Observations, system: System, base: Array
+    observed: Observations, slopes: Array
 ) -> list[tuple[GaugeError, Array]]:
     """Return the errors of the stroke sensor, and the change of every channel by each of 1.
 
     A reading at the true stroke e is compared with the prediction at the measured one, e + error.
 
+    Args:
+        observed: of bench samples.
+        slopes: derivatives of the channels by the stroke, shape (channels, n).
+
     Returns:
         Changes by an error of 1, shape (channels, n) each; zero where a step has no answer.
     """
-    name = DISPLACEMENT_RATIO.name
-    stroke = observed.points[name]
-    # Towards zero, so that full stroke stays full stroke.
-    step = np.where(stroke > 0.0, -STROKE_STEP, STROKE_STEP)
-    slopes = _finite(_slopes(observed, system, base, name, step))
+    stroke = observed.points[DISPLACEMENT_RATIO.name]
     changes = []
-    for error in gauge_errors([name], STORED):
-        changes.append((error, -slopes * error.change_at(stroke)))
+    for error in gauge_errors([DISPLACEMENT_RATIO.name], STORED):
+        changes.append((error, -_finite(slopes) * error.change_at(stroke)))
     return changes
 
 
@@ -350,30 +359,16 @@ def _meters(
     )
 
 
-def _slopes_by_load(observed: Observations, system: System, base: Array) -> Array:
-    """Return the derivatives of the predicted readings by the load, shape (channels, n)."""
+def _load_step(observed: Observations) -> Array:
+    """Return the step of the derivative by the load [N m], shape (n,)."""
     load = observed.points[LOAD_TORQUE.name]
-    step = np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance)
-    return _slopes(observed, system, base, LOAD_TORQUE.name, step)
+    return np.asarray(np.maximum(LOAD_STEP * np.abs(load), LOAD_TORQUE.tolerance))
 
 
-def _slopes(
-    observed: Observations, system: System, base: Array, axis: str, step: Array
-) -> Array:
-    """Return the derivatives of the predicted readings along an axis, shape (channels, n).
-
-    Args:
-        observed: the readings.
-        system: the transmission.
-        base: scaled base parameters, shape (p,).
-        axis: name of the axis.
-        step: of the difference, in the unit of the axis, shape (n,).
-    """
-    rows = [system.channels.index(channel) for channel in observed.channels]
-    moved = {**observed.points, axis: observed.points[axis] + step}
-    before = system.predict(base, (), observed.points)[rows]
-    after = system.predict(base, (), moved)[rows]
-    return np.asarray((after - before) / step)
+def _stroke_step(observed: Observations) -> Array:
+    """Return the step of the derivative by the stroke [-], (n,): towards zero, within its range."""
+    stroke = observed.points[DISPLACEMENT_RATIO.name]
+    return np.where(stroke > 0.0, -STROKE_STEP, STROKE_STEP)
 
 
 def _finite(changes: Array) -> Array:

@@ -101,9 +101,9 @@ def load_effects(source: str) -> None:
     ]
     if not found:
         raise InputError(f"{source}: holds no effect: no class of Effect with a name")
-    for kind in (
-        kind for kind in found if kind.sizes()
-    ):  # what others derive from is none
+    for kind in found:
+        if not kind.sizes():  # others derive from it; it is no effect itself
+            continue
         try:
             trial(kind)
         except InputError as error:

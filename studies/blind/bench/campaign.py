@@ -131,7 +131,7 @@ def make_campaign(
         InputError: the machine stalls wherever it is loaded, or there is no such kind.
     """
     layout = _draw_layout(bench, _stream(seed, _LAYOUT))
-    plain = Machine(layout, _draw_base(layout, _stream(seed, _BASE)))
+    plain = Machine(layout, draw_base(layout, _BASE_FACTOR, _stream(seed, _BASE)))
     programme = draw_programme(
         bench,
         list(layout.ranges),
@@ -171,7 +171,7 @@ def fresh_state(campaign: Campaign, tests: int) -> tuple[Programme, Settings, St
     programme = _eased(whole, programme, settings)
     settings = replace(settings, load_torque=programme.load_torque)
     largest = float(np.max(campaign.state.output_torque))
-    settings = _lifted(settings, whole.run(settings, programme.stage), largest)
+    settings = lifted(settings, whole.run(settings, programme.stage), largest)
     return programme, settings, whole.run(settings, programme.stage)
 
 
@@ -186,8 +186,11 @@ def _draw_layout(bench: Bench, rng: np.random.Generator) -> Layout:
     return LAYOUTS[int(number)]
 
 
-def _draw_base(layout: Layout, rng: np.random.Generator) -> BaseTruth:
-    low, high = np.log(_BASE_FACTOR)
+def draw_base(
+    layout: Layout, limits: tuple[float, float], rng: np.random.Generator
+) -> BaseTruth:
+    """Draw base parameters, log-uniformly between limits relative to those that are served."""
+    low, high = np.log(limits)
     factors = np.exp(rng.uniform(low, high, 3))
     served = layout.base
     return BaseTruth(
@@ -215,7 +218,7 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
     settings = replace(settings, load_torque=eased.load_torque)
     state = plain.run(settings, programme.stage)
     largest = float(np.max(state.output_torque[state.runs]))
-    settings = _lifted(settings, state, largest)
+    settings = lifted(settings, state, largest)
     power = state.engine_torque * settings.engine_speed
     lost = power * (1.0 - state.efficiency(settings.engine_speed))
     lost = np.where(state.runs, lost, np.nanmean(lost))
@@ -228,14 +231,22 @@ def _warmed(plain: Machine, programme: Programme, bench: Bench, seed: int) -> Se
     )
 
 
-def _lifted(settings: Settings, state: State, largest: float) -> Settings:
+def lifted(settings: Settings, state: State, largest: float) -> Settings:
     """Raise loads whose output torque is too small a part of the largest to be measured."""
     short = _MIN_TORQUE * largest / state.output_torque
     return replace(settings, load_torque=settings.load_torque * np.maximum(short, 1.0))
 
 
 def _eased(machine: Machine, programme: Programme, settings: Settings) -> Programme:
-    """Lower the load where a machine stalls or is close to it.
+    """Return the plan with loads that a machine carries; see `eased_load`."""
+    load = eased_load(machine, programme, settings)
+    return replace(programme, load_torque=load)
+
+
+def eased_load(
+    machine: Machine, programme: Programme, settings: Settings
+) -> FloatArray:
+    """Return loads, lowered where a machine stalls or is close to it [N m], shape (n,).
 
     Raises:
         InputError: a test stalls at any load.
@@ -248,7 +259,7 @@ def _eased(machine: Machine, programme: Programme, settings: Settings) -> Progra
         stalls = ~state.runs | (np.abs(state.pressure) > _MAX_PRESSURE)
         pending = pending[stalls]
         if len(pending) == 0:
-            return replace(programme, load_torque=load)
+            return load
         load[pending] *= _EASED
     raise InputError(f"{len(pending)} test(s) stall at any load")
 

@@ -5,9 +5,10 @@ The diagnosis receives the columns that the bench shows and nothing else.
 """
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,20 +17,47 @@ from hmcvt_core.errors import InputError
 from studies.blind.bench.campaign import Campaign, fresh_state, make_campaign
 from studies.blind.bench.classes import classes_of
 from studies.blind.bench.confusion import Confusion, confusion_of
+from studies.blind.bench.layouts import Layout
 from studies.blind.bench.library import listed_name, without_effects
 from studies.blind.bench.plant import Settings, State
+from studies.blind.bench.programme import Programme
 from studies.blind.bench.properties import Bench
 from studies.blind.bench.scores import DETECTABLE
-from studies.blind.effect import FloatArray
+from studies.blind.effect import Effect, FloatArray
 
 #: Squared cosine above which two effects of one set have the same signature.
-_SAME = 0.9
+SAME = 0.9
 #: Fresh tests with which promises are compared.
 FRESH_TESTS = 200
-_ATTEMPTS = 24
-_GROWTH = 1.4
+#: Campaigns that are drawn until one is usable, and the growth of effects meanwhile.
+ATTEMPTS = 24
+GROWTH = 1.4
 #: Campaigns of one seed are drawn from this many seeds.
-_SEEDS = 1000
+SEEDS = 1000
+
+
+class Hidden(Protocol):
+    """What a machine hides."""
+
+    @property
+    def effects(self) -> Sequence[Effect]:
+        """The effects."""
+
+
+class Measured(Protocol):
+    """A campaign, as far as it is compared with fresh tests."""
+
+    @property
+    def layout(self) -> Layout:
+        """The transmission."""
+
+    @property
+    def truth(self) -> Hidden:
+        """What is hidden."""
+
+    @property
+    def columns(self) -> Mapping[str, FloatArray]:
+        """What the meters show, by column."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +89,9 @@ def draw(case: Case) -> tuple[Campaign, Confusion]:
     Raises:
         InputError: none of the attempts is usable.
     """
-    for attempt in range(_ATTEMPTS):
-        growth = _GROWTH ** (attempt % 3)
-        seed = _SEEDS * case.seed + attempt // 3
+    for attempt in range(ATTEMPTS):
+        growth = GROWTH ** (attempt % 3)
+        seed = SEEDS * case.seed + attempt // 3
         try:
             campaign = make_campaign(case.kind, seed, case.bench, growth=growth)
         except InputError:
@@ -71,9 +99,9 @@ def draw(case: Case) -> tuple[Campaign, Confusion]:
         confusion = confusion_of(campaign)
         if not campaign.truth.effects:
             return campaign, confusion
-        if min(confusion.left) >= DETECTABLE and confusion.alike < _SAME:
+        if min(confusion.left) >= DETECTABLE and confusion.alike < SAME:
             return campaign, confusion
-    raise InputError(f"{case.key}: no campaign of {_ATTEMPTS} is usable")
+    raise InputError(f"{case.key}: no campaign of {ATTEMPTS} is usable")
 
 
 def served(campaign: Campaign) -> tuple[hmcvt.EfficiencyModel, hmcvt.BenchSamples]:
@@ -97,9 +125,9 @@ def judge(case: Case) -> dict[str, Any]:
     answer = found.to_dict()
     return {
         **_hidden(case, campaign, confusion),
-        **_answer(answer, campaign),
+        **answered(answer, campaign.layout.output_coupled),
         "seconds": seconds,
-        **_elsewhere(campaign, found, model),
+        **compared(campaign, fresh_state(campaign, FRESH_TESTS), found, model),
     }
 
 
@@ -136,13 +164,17 @@ def _true_classes(case: Case, campaign: Campaign) -> list[str]:
     return classes_of(list(campaign.truth.names), variants, output_coupled)
 
 
-def _answer(answer: dict[str, Any], campaign: Campaign) -> dict[str, Any]:
-    """Return what a record says of the verdict, with sets of one class merged."""
+def answered(answer: dict[str, Any], output_coupled: bool) -> dict[str, Any]:
+    """Return what a record says of the verdict, with sets of one class merged.
+
+    Args:
+        answer: `Diagnosis.to_dict()`.
+        output_coupled: whether every stage tested is.
+    """
     forms = {cause["effect"]: cause.get("form") or "" for cause in answer["causes"]}
     merged: dict[tuple[str, ...], float] = {}
     for item in answer["sets"]:
-        classes = classes_of(item["effects"], forms, campaign.layout.output_coupled)
-        key = tuple(classes)
+        key = tuple(classes_of(item["effects"], forms, output_coupled))
         merged[key] = merged.get(key, 0.0) + item["probability"]
     ranked = sorted(merged.items(), key=lambda entry: -entry[1])
     shrinkage = answer["shrinkage"]
@@ -156,10 +188,7 @@ def _answer(answer: dict[str, Any], campaign: Campaign) -> dict[str, Any]:
         "forms": forms,
         "classes": [[list(classes), p] for classes, p in ranked[:5]],
         "members": [
-            [
-                classes_of(item["effects"], forms, campaign.layout.output_coupled),
-                item["probability"],
-            ]
+            [classes_of(item["effects"], forms, output_coupled), item["probability"]]
             for item in answer["members"]
         ],
         "gap": answer["gap"],
@@ -168,11 +197,21 @@ def _answer(answer: dict[str, Any], campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _elsewhere(
-    campaign: Campaign, found: hmcvt.Diagnosis, model: hmcvt.EfficiencyModel
+def compared(
+    campaign: Measured,
+    fresh: tuple[Programme, Settings, State],
+    found: hmcvt.Diagnosis,
+    model: hmcvt.EfficiencyModel,
 ) -> dict[str, Any]:
-    """Compare with the machine itself at fresh tests, on a bench without errors."""
-    programme, settings, state = fresh_state(campaign, FRESH_TESTS)
+    """Compare with the machine itself at fresh tests, on a bench without errors.
+
+    Args:
+        campaign: that is diagnosed.
+        fresh: random tests of the same machine, without meters.
+        found: the diagnosis.
+        model: the model that is served.
+    """
+    programme, settings, state = fresh
     efficiency, points = true_efficiency(campaign, settings, state)
     names = [campaign.layout.trains[number].name for number in programme.stage]
     before = efficiency - predicted(found.base, points, names)
@@ -200,7 +239,7 @@ def _elsewhere(
 
 
 def true_efficiency(
-    campaign: Campaign, settings: Settings, state: State
+    campaign: Measured, settings: Settings, state: State
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return the efficiency of the machine on a bench without errors, and the points by axis.
 

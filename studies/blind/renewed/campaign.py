@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hmcvt_core.errors import InputError
+from studies.blind.bench.campaign import draw_base, eased_load, lifted
 from studies.blind.bench.layouts import Layout, Machine, settings_of
 from studies.blind.bench.plant import Settings, State
 from studies.blind.bench.programme import Programme, fresh_programme
@@ -17,7 +18,6 @@ from studies.blind.renewed.listed import OWN_FORMS, FanDrive, ReliefValve
 from studies.blind.renewed.meters import Meters, draw_meters, gauge_scatter
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import BASE_ERRORS, UNLISTED, Accessory
-from studies.blind.twin import BaseTruth
 
 #: Version of the generator: equal versions and seeds give equal readings.
 VERSION = 1
@@ -49,12 +49,6 @@ _ERRING = 0.7
 #: Parts of the campaigns that log pressure and oil temperature.
 _PRESSURE = 0.5
 _TEMPERATURE = 0.6
-#: A test that stalls, or nearly, is made again at this part of its load.
-_EASED = 0.8
-_MAX_PRESSURE = 38e6
-_MAX_EASINGS = 25
-#: Smallest output torque of a test against the largest.
-_MIN_TORQUE = 0.15
 
 
 @dataclass(frozen=True)
@@ -169,7 +163,7 @@ def fresh_state(campaign: Campaign, tests: int) -> tuple[Programme, Settings, St
     whole = campaign.truth.whole
     settings = _eased(whole, programme, settings)
     largest = float(np.max(campaign.state.output_torque))
-    settings = _lifted(settings, whole.run(settings, programme.stage), largest)
+    settings = lifted(settings, whole.run(settings, programme.stage), largest)
     return programme, settings, whole.run(settings, programme.stage)
 
 
@@ -180,14 +174,7 @@ def _stream(seed: int, number: int) -> np.random.Generator:
 def _draw_machine(seed: int) -> Machine:
     rng = _stream(seed, _LAYOUT)
     layout = LAYOUTS[rng.choice(len(LAYOUTS), p=[item.drawn for item in LAYOUTS])]
-    low, high = np.log(_BASE_FACTOR)
-    factors = np.exp(_stream(seed, _BASE).uniform(low, high, 3))
-    served = layout.base
-    base = BaseTruth(
-        float(served.leakage * factors[0]),
-        float(served.motor_damping * factors[1]),
-        float(served.pump_damping * factors[2]),
-    )
+    base = draw_base(layout, _BASE_FACTOR, _stream(seed, _BASE))
     return Machine(layout, base)
 
 
@@ -240,7 +227,7 @@ def _warmed(plain: Machine, programme: Programme, seed: int) -> Settings:
     settings = settings_of(programme, even, even, np.zeros(len(programme)))
     settings = _eased(plain, programme, settings)
     state = plain.run(settings, programme.stage)
-    settings = _lifted(settings, state, float(np.max(state.output_torque)))
+    settings = lifted(settings, state, float(np.max(state.output_torque)))
     settings = _eased(plain, programme, settings)
     state = plain.run(settings, programme.stage)
     engine_power = state.engine_torque * settings.engine_speed
@@ -249,29 +236,10 @@ def _warmed(plain: Machine, programme: Programme, seed: int) -> Settings:
     return replace(settings, oil_temperature=oil, film_temperature=oil)
 
 
-def _lifted(settings: Settings, state: State, largest: float) -> Settings:
-    """Raise loads whose output torque is too small a part of the largest to be measured."""
-    short = _MIN_TORQUE * largest / state.output_torque
-    return replace(settings, load_torque=settings.load_torque * np.maximum(short, 1.0))
-
-
 def _eased(machine: Machine, programme: Programme, settings: Settings) -> Settings:
-    """Lower the load where a machine stalls or is close to it.
-
-    Raises:
-        InputError: a test stalls at any load.
-    """
-    load = settings.load_torque.copy()
-    pending = np.arange(len(programme))
-    for _ in range(_MAX_EASINGS):
-        tests = replace(settings, load_torque=load).select(pending)
-        state = machine.run(tests, programme.stage[pending])
-        stalls = ~state.runs | (np.abs(state.pressure) > _MAX_PRESSURE)
-        pending = pending[stalls]
-        if len(pending) == 0:
-            return replace(settings, load_torque=load)
-        load[pending] *= _EASED
-    raise InputError(f"{len(pending)} test(s) stall at any load")
+    """Return settings with loads that a machine carries; see `eased_load`."""
+    load = eased_load(machine, programme, settings)
+    return replace(settings, load_torque=load)
 
 
 def _measured(

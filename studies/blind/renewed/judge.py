@@ -13,9 +13,16 @@ import hmcvt_core as hmcvt
 from hmcvt_core.errors import InputError
 from hmcvt_core.physics.effects import library
 from studies.blind.bench.classes import classes_of
-from studies.blind.bench.judge import predicted
+from studies.blind.bench.judge import (
+    ATTEMPTS,
+    FRESH_TESTS,
+    GROWTH,
+    SAME,
+    SEEDS,
+    answered,
+    compared,
+)
 from studies.blind.bench.scores import DETECTABLE
-from studies.blind.effect import FloatArray
 from studies.blind.renewed.campaign import (
     VERSION,
     Campaign,
@@ -25,15 +32,6 @@ from studies.blind.renewed.campaign import (
 from studies.blind.renewed.look import Look, Visibility
 from studies.blind.renewed.oracle import ask
 from studies.blind.renewed.unlisted import Accessory
-
-#: Squared cosine above which two effects of one set have the same signature.
-_SAME = 0.9
-#: Fresh tests with which promises are compared.
-FRESH_TESTS = 200
-_ATTEMPTS = 24
-_GROWTH = 1.4
-#: Campaigns of one seed are drawn from this many seeds.
-_SEEDS = 1000
 
 
 @dataclass(frozen=True)
@@ -67,17 +65,17 @@ def draw(kind: str, seed: int) -> tuple[Campaign, Look, Visibility]:
     Raises:
         InputError: none of the attempts is usable.
     """
-    for attempt in range(_ATTEMPTS):
-        growth = _GROWTH ** (attempt % 3)
+    for attempt in range(ATTEMPTS):
+        growth = GROWTH ** (attempt % 3)
         try:
-            campaign = make_campaign(kind, _SEEDS * seed + attempt // 3, growth)
+            campaign = make_campaign(kind, SEEDS * seed + attempt // 3, growth)
         except InputError:
             continue
         look = Look(campaign)
         seen = look.visibility()
-        if not seen.left or (min(seen.left) >= DETECTABLE and seen.alike < _SAME):
+        if not seen.left or (min(seen.left) >= DETECTABLE and seen.alike < SAME):
             return campaign, look, seen
-    raise InputError(f"{kind}/{seed}: no campaign of {_ATTEMPTS} is usable")
+    raise InputError(f"{kind}/{seed}: no campaign of {ATTEMPTS} is usable")
 
 
 def served(
@@ -105,9 +103,9 @@ def judge(case: Case) -> dict[str, Any]:
     seconds = time.process_time() - start
     record = {
         **_hidden(case, campaign, seen),
-        **_answer(found.to_dict(), campaign.layout.output_coupled),
+        **answered(found.to_dict(), campaign.layout.output_coupled),
         "seconds": seconds,
-        **_elsewhere(campaign, found, model),
+        **compared(campaign, fresh_state(campaign, FRESH_TESTS), found, model),
     }
     if case.oracle:
         record.update(ask(campaign, look).to_dict())
@@ -136,65 +134,4 @@ def _hidden(case: Case, campaign: Campaign, seen: Visibility) -> dict[str, Any]:
         "left": list(seen.left),
         "sessions": int(np.max(campaign.programme.session)) + 1,
         "noise": float(np.sqrt(np.mean(campaign.noise**2))),
-    }
-
-
-def _answer(answer: dict[str, Any], output_coupled: bool) -> dict[str, Any]:
-    """Return what a record says of the verdict, with sets of one class merged."""
-    forms = {cause["effect"]: cause.get("form") or "" for cause in answer["causes"]}
-    merged: dict[tuple[str, ...], float] = {}
-    for item in answer["sets"]:
-        key = tuple(classes_of(item["effects"], forms, output_coupled))
-        merged[key] = merged.get(key, 0.0) + item["probability"]
-    ranked = sorted(merged.items(), key=lambda entry: -entry[1])
-    members = [
-        [classes_of(item["effects"], forms, output_coupled), item["probability"]]
-        for item in answer["members"]
-    ]
-    return {
-        "verdict": answer["verdict"],
-        "unlisted": answer["unlisted_probability"],
-        "forms": forms,
-        "classes": [[list(classes), p] for classes, p in ranked[:5]],
-        "members": members,
-        "gap": answer["gap"],
-        "promised": answer["shrinkage"]["fraction"],
-        "interval": answer["shrinkage"]["interval"],
-    }
-
-
-def _elsewhere(
-    campaign: Campaign, found: hmcvt.Diagnosis, model: hmcvt.EfficiencyModel
-) -> dict[str, Any]:
-    """Compare with the machine itself at fresh tests, on a bench without errors."""
-    programme, settings, state = fresh_state(campaign, FRESH_TESTS)
-    engine, output = state.engine_torque, state.output_torque
-    for effect in campaign.truth.effects:
-        engine, output = effect.read(engine, output)
-    power = output * state.output_speed
-    efficiency = power / (engine * settings.engine_speed)
-    points: dict[str, FloatArray] = {
-        "displacement_ratio": settings.displacement_ratio,
-        "engine_speed": settings.engine_speed,
-        "load_torque": power / settings.engine_speed,
-    }
-    if "oil_temperature" in campaign.columns:
-        points["oil_temperature"] = settings.oil_temperature
-    names = [campaign.layout.trains[number].name for number in programme.stage]
-    before = efficiency - predicted(found.base, points, names)
-    after = efficiency - predicted(found.model, points, names)
-    recorded = dict(points)
-    stages = list(model.stages)
-    if len(stages) > 1 and len(campaign.layout.trains) > 1:
-        recorded["stage"] = np.array([float(stages.index(name)) for name in names])
-    gap, _ = found.gap_at(**recorded)
-    usable = np.isfinite(before) & np.isfinite(after) & np.isfinite(gap)
-    before, after, gap = before[usable], after[usable], gap[usable]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        correlation = np.nan_to_num(np.corrcoef(gap, before)[0, 1])
-    return {
-        "met": 1.0 - float(np.mean(after**2) / np.mean(before**2)),
-        "true_gap": float(np.sqrt(np.mean(before**2))),
-        "left_gap": float(np.sqrt(np.mean(after**2))),
-        "correlation": float(correlation),
     }

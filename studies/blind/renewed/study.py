@@ -6,9 +6,10 @@ from pathlib import Path
 
 from hmcvt_core.errors import InputError
 from hmcvt_tools.fleet.executors import Processes
+from studies.blind.bench.judge import FRESH_TESTS
 from studies.blind.bench.scores import Record, exact_first
 from studies.blind.renewed.campaign import KINDS, VERSION
-from studies.blind.renewed.judge import FRESH_TESTS, Case, judge
+from studies.blind.renewed.judge import Case, judge
 from studies.blind.renewed.scores import (
     VISIBLE,
     answered_accessory,
