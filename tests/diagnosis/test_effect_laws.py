@@ -11,12 +11,20 @@ from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
+from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
 from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
 from hmcvt_core.physics.effects.mechanical import (
     AccessoryDrive,
     BearingDrag,
+    Churning,
+    ClutchDrag,
     FanDrive,
+    OutputChurning,
+    ViscousBearingDrag,
+    ViscousChurning,
+    ViscousClutchDrag,
+    ViscousOutputChurning,
 )
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 
@@ -69,7 +77,9 @@ def test_what_no_test_reaches_is_no_candidate(effect):
         _with(effect).readings_at(POINTS), _with(BrakeDrag()).readings_at(POINTS)
     )
     samples = campaign(seed=1, n=32, temperature=True)
-    fit = refit(Hypothesis(Transmission(BASE)), observe(samples, NOISE))
+    fit = refit(
+        Hypothesis(Transmission(BASE, samples.columns)), observe(samples, NOISE)
+    )
     np.testing.assert_allclose(fit.signature(effect), 0.0, atol=1e-9)
     visible = {form for form, _ in fit.signatures}
     assert effect.with_values({effect.sizes()[0].name: 0.0}) not in visible
@@ -250,3 +260,59 @@ def test_the_diagnosis_names_it(effect):
     found = hmcvt.diagnose(BASE, samples, noise=NOISE).to_dict()
     assert found["sets"][0]["effects"] == [effect.name]
     assert found["causes"][0]["form"] == effect.form
+
+
+WITH_THE_OIL = [
+    (ViscousBearingDrag, BearingDrag, {"exponent": 0.67}),
+    (ViscousChurning, Churning, {}),
+    (ViscousOutputChurning, OutputChurning, {}),
+    (ViscousClutchDrag, ClutchDrag, {}),
+]
+
+
+@pytest.mark.parametrize(("viscous", "plain", "shapes"), WITH_THE_OIL, ids=str)
+def test_a_drag_with_the_oil_follows_its_viscosity(viscous, plain, shapes):
+    def lost(kind, oil_temperature):
+        effect = kind(torque=10.0, **shapes)
+        point = (0.5, 150.0, 200.0)
+        model = _with(effect)
+        efficiency = model.efficiency(*point, oil_temperature=oil_temperature)
+        return 1.0 / efficiency - 1.0 / BASE.efficiency(*point)
+
+    cold, warm, hot = (lost(viscous, oil) for oil in (30.0, 60.0, 90.0))
+    assert cold > 1.1 * warm > 1.1 * hot
+    assert warm == pytest.approx(lost(plain, 60.0))
+    assert lost(viscous, None) == pytest.approx(warm)
+
+
+def test_a_drag_with_the_oil_is_a_candidate_where_the_oil_temperature_is_read():
+    needing = {
+        "fan_drive",
+        "bearing_drag",
+        "churning",
+        "output_churning",
+        "clutch_drag",
+    }
+    read = Transmission(BASE, ["oil_temperature"]).library
+    assert needing == {item.name for item in read if item.needs_oil_temperature}
+    unread = Transmission(BASE, ["output_speed"]).library
+    assert not [item for item in unread if item.needs_oil_temperature]
+
+
+def test_a_drag_of_cooling_films_is_named_on_a_warming_bench():
+    """The film is Vogel's, its torque shears and shrinks: no form of the library."""
+    points = random_points(5, 64)
+    warming = 80.0 - 45.0 * np.exp(-np.arange(64) / 20.0)
+    points = points._replace(oil_temperature=warming)
+
+    def torque(state):
+        slip = state.output_speed / 110.0
+        film = slip / (1.0 + slip**5.0) ** 0.4
+        vogel = 950.0 / (state.oil_temperature + 105.0) - 950.0 / 165.0
+        return 8.0 * film * np.exp(vogel)
+
+    film = type("Film", (Effect,), {"output_drag": lambda self, state: torque(state)})()
+    samples = measure(points, [film], noise=0.001, speed_noise=0.0005)
+    found = hmcvt.diagnose(BASE, samples, noise=0.001)
+    assert found.verdict == "cause_found"
+    assert found.sets[0].effects == ("clutch_drag",)

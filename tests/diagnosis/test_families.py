@@ -250,7 +250,7 @@ def left():
         np.abs(motor) > 25.0
     )  # no friction holds it: a jump would be all that one sees
     bench = observe(measure(points.map(lambda row: row[moving])), 0.004)
-    system = Transmission(BASE)
+    system = Transmission(BASE, ["oil_temperature"])
     base = np.append(
         to_scaled(BASE.parameters.to_array()), np.zeros(len(system.base) - 3)
     )

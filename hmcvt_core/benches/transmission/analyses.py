@@ -189,7 +189,8 @@ def separable(
     """
     require_model_and_samples(model, plan)
     stages = list(model.stages)
-    system = Transmission(model, [channel.name for channel in CHANNELS])
+    channels = [channel.name for channel in CHANNELS]
+    system = Transmission(model, {*plan.columns, *channels})
     observed = observe(plan, noise, stages)
     base = scaled_base(system.base, model.parameters)
     readings = system.predict(base, (), observed.points)

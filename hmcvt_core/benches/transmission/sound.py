@@ -241,7 +241,11 @@ def fit_sound_transmission(
         channels.append(
             replace(channel, misfit_spread=channel.misfit_spread / CLASS_TO_DRIFT)
         )
-    kinds: tuple[Any, ...] = (*WEAR, *library())
+    has_oil_temperature = OIL_TEMPERATURE.name in observed.points
+    kinds: list[Any] = [*WEAR]
+    for kind in library():
+        if has_oil_temperature or not kind.needs_oil_temperature:
+            kinds.append(kind)
     return SoundTransmission(
         model=model,
         system=system,

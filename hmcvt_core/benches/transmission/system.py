@@ -94,7 +94,7 @@ class Transmission:
             self.axes = (stroke, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
         self.base = base_parameters(read)
         self._gauges = refitted_errors(read)
-        self.library: tuple[AnyEffect, ...] = _missing_effects(model)
+        self.library: tuple[AnyEffect, ...] = _missing_effects(model, read)
 
     def _refitted(self, base: Array, effects: Sequence[AnyEffect]) -> EfficiencyModel:
         values = base_values(self.base, base)
@@ -276,9 +276,18 @@ def _by_case(values: Sequence[float]) -> Value:
     return np.array(values)[:, None]
 
 
-def _missing_effects(model: EfficiencyModel) -> tuple[AnyEffect, ...]:
+def _missing_effects(
+    model: EfficiencyModel, read: Collection[str]
+) -> tuple[AnyEffect, ...]:
+    """Return the listed effects that a model has not, as far as the columns can show them."""
     present = {(effect.name, effect.form) for effect in model.effects}
-    return tuple(kind() for kind in library() if (kind.name, kind.form) not in present)
+    missing = []
+    for kind in library():
+        if kind.needs_oil_temperature and OIL_TEMPERATURE.name not in read:
+            continue
+        if (kind.name, kind.form) not in present:
+            missing.append(kind())
+    return tuple(missing)
 
 
 def _grid(points: Points) -> dict[str, Array]:

@@ -424,15 +424,19 @@ def line_search(
     sufficient = start_squares - negligible**2
     unanswered = whitened == NO_ANSWER
     lost_answer = False
-    for part in STEP_PARTS:
+    # Cases solved together take hardly longer than one.
+    for parts in (STEP_PARTS[:1], STEP_PARTS[1:]):
+        step = np.outer(parts, aim - theta)
         # The solution of the linear problem may miss a bound by rounding.
-        trial = (theta + part * (aim - theta)).clip(*objective.bounds)
-        trial_whitened = _whitened(objective.hypothesis, observed, trial)
-        squares = np.sum(objective.residuals(trial_whitened, trial) ** 2)
-        if squares <= sufficient:
-            return _LineSearch(_Trial(trial, trial_whitened), lost_answer)
-        newly_unanswered = (trial_whitened == NO_ANSWER) & ~unanswered
-        lost_answer = lost_answer or bool(newly_unanswered.any())
+        trials = (theta + step).clip(*objective.bounds)
+        cases = [objective.hypothesis.case(trial) for trial in trials]
+        of_trials = _whitened_cases(objective.hypothesis, observed, cases, trials)
+        for trial, trial_whitened in zip(trials, of_trials, strict=True):
+            squares = np.sum(objective.residuals(trial_whitened, trial) ** 2)
+            if squares <= sufficient:
+                return _LineSearch(_Trial(trial, trial_whitened), lost_answer)
+            newly_unanswered = (trial_whitened == NO_ANSWER) & ~unanswered
+            lost_answer = lost_answer or bool(newly_unanswered.any())
     return _LineSearch(None, lost_answer)
 
 
@@ -587,7 +591,8 @@ def _whitened_cases(
         hypothesis: whose system predicts.
         observed: the readings.
         cases: base parameters and effects.
-        theta: parameters, of which the shared errors count, shape (p,).
+        theta: parameters, of which the shared errors count, of all cases, shape (p,), or of each,
+            shape (cases, p).
     """
     if not cases:
         return np.empty((0, *observed.measured.shape))
@@ -595,7 +600,8 @@ def _whitened_cases(
     of_channels = predicted[:, hypothesis.rows_of(observed.channels)]
     whitened = (observed.measured - of_channels) / observed.deviation
     if hypothesis.shared_count:
-        whitened -= observed.shared_columns @ theta[hypothesis.shared]
+        shared = np.atleast_2d(theta)[:, hypothesis.shared]
+        whitened -= np.tensordot(shared, observed.shared_columns, axes=(1, 2))
     return np.nan_to_num(whitened, nan=NO_ANSWER)
 
 

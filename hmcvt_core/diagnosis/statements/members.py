@@ -8,7 +8,7 @@ no exact set is probable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,13 +63,21 @@ def members_of(analysis: Analysis) -> tuple[Member, ...]:
     for name in analysis.posterior.effects:
         if name not in in_classes:
             members.append(_of_effects(analysis, (name,)))
-    probable = [item for item in members if item.probability >= REPORTED_MEMBER]
-    probable.sort(key=lambda item: -item.probability)
-    return tuple(probable[:MAX_MEMBERS])
+    probable = [entry for entry in members if entry[0].probability >= REPORTED_MEMBER]
+    probable.sort(key=lambda entry: -entry[0].probability)
+    reported = []
+    for member, likeliest in probable[:MAX_MEMBERS]:
+        if member.form_fits:
+            power = lost_power(likeliest, member.effects)
+            member = replace(member, lost_power=power)
+        reported.append(member)
+    return tuple(reported)
 
 
-def _of_effects(analysis: Analysis, effects: Names) -> Member:
-    """Return the member that any of some effects makes; several of them in one set count once.
+def _of_effects(analysis: Analysis, effects: Names) -> tuple[Member, Explanation]:
+    """Return the member that any of some effects makes, and the likeliest explanation with it.
+
+    Several of them in one set count once. The member has no lost power yet.
 
     Args:
         analysis: of a campaign.
@@ -89,13 +97,13 @@ def _of_effects(analysis: Analysis, effects: Names) -> Member:
     form_fits = listed > LIKELY * probability
     system = analysis.base.hypothesis.system
     components = {item.component for item in system.library if item.name in effects}
-    return Member(
+    member = Member(
         effects=effects,
         component=components.pop() if len(components) == 1 else None,
         probability=min(probability, 1.0),
         form_fits=form_fits,
-        lost_power=lost_power(likeliest, effects) if form_fits else None,
     )
+    return member, likeliest
 
 
 def lost_power(explanation: Explanation, names: Names) -> float | None:

@@ -16,6 +16,7 @@ from .base import (
     shape,
     size,
 )
+from .hydraulic import REFERENCE_TEMPERATURE, walther_log_viscosity
 
 _ENGINE_REFERENCE = (
     150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
@@ -23,6 +24,15 @@ _ENGINE_REFERENCE = (
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
 _TORQUE_REFERENCE = 250.0  # N m of a path's shaft
 _UNIT_REFERENCE = 200.0  # rad/s of pump or motor
+
+
+def _oil_factor(state: ShaftState, exponent: float) -> Value:
+    """(viscosity / viscosity at 60 deg C)^exponent [-]; 1 where no oil temperature is known."""
+    if state.oil_temperature is None:
+        return 1.0
+    viscosity = walther_log_viscosity(state.oil_temperature)
+    at_reference = walther_log_viscosity(np.array(REFERENCE_TEMPERATURE))
+    return np.asarray(np.exp(exponent * (viscosity - at_reference)))
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,24 @@ class BearingDrag(Effect):
 
 
 @dataclass(frozen=True)
+class ViscousBearingDrag(BearingDrag):
+    """T ~ (nu w)^(2/3), M0 of Palmgren with the viscosity of the oil; seals follow it less."""
+
+    form = "with the oil"
+    needs_oil_temperature = True
+
+    exponent: float = shape(
+        "-", (0.67,), "power of speed in the torque", limits=(0.0, 1.0)
+    )
+    oil_exponent: float = shape(
+        "-", (0.67,), "power of viscosity in the torque", limits=(0.0, 1.0)
+    )
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
+
+
+@dataclass(frozen=True)
 class Churning(BearingDrag):
     """P = k w^n: oil churning and windage of the engine-side gears, n = 2.5 to 3.
 
@@ -92,6 +120,24 @@ class Churning(BearingDrag):
         "N m", 6.0, 0.0, 60.0, "drag torque on the engine shaft at 150 rad/s"
     )
     exponent: float = shape("-", (1.5, 2.0), "power of speed in the torque")
+
+
+@dataclass(frozen=True)
+class ViscousChurning(Churning):
+    """P = k w^n mu^m: the same with the viscosity of the oil.
+
+    m = 0.21 in Changenet & Velex (C_m ~ Re^-0.21), 1 in ISO/TR 14179-1.
+    """
+
+    form = "with the oil"
+    needs_oil_temperature = True
+
+    oil_exponent: float = shape(
+        "-", (0.21, 1.0), "power of viscosity in the torque", limits=(0.0, 1.0)
+    )
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -187,6 +233,21 @@ class OutputChurning(Effect):
 
 
 @dataclass(frozen=True)
+class ViscousOutputChurning(OutputChurning):
+    """P = k w^n mu^m at the output shaft: as `ViscousChurning` says."""
+
+    form = "with the oil"
+    needs_oil_temperature = True
+
+    oil_exponent: float = shape(
+        "-", (0.21, 1.0), "power of viscosity in the torque", limits=(0.0, 1.0)
+    )
+
+    def output_drag(self, state: ShaftState) -> Value:
+        return super().output_drag(state) * _oil_factor(state, self.oil_exponent)
+
+
+@dataclass(frozen=True)
 class ClutchDrag(Effect):
     """T = T_peak q 2 x / (1 + x^2), x = slip speed / (speed of the peak q), q = feed flow.
 
@@ -237,6 +298,24 @@ class ClutchDrag(Effect):
 
     def engine_drag(self, state: ShaftState) -> Value:
         return self._referred(state, 0)
+
+
+@dataclass(frozen=True)
+class ViscousClutchDrag(ClutchDrag):
+    """T = T_peak mu^m q 2 x / (1 + x^2): a film that shears follows the viscosity (Petroff)."""
+
+    form = "output side, with the oil"
+    needs_oil_temperature = True
+
+    oil_exponent: float = shape(
+        "-", (1.0,), "power of viscosity in the torque", limits=(0.0, 1.0)
+    )
+
+    def output_drag(self, state: ShaftState) -> Value:
+        return super().output_drag(state) * _oil_factor(state, self.oil_exponent)
+
+    def engine_drag(self, state: ShaftState) -> Value:
+        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
