@@ -8,7 +8,9 @@ samples that are gone. A row that stands there twice counts once. A JSON file of
 the last number, so that rows missing at the end are noticed after a restart too.
 """
 
+import codecs
 import contextlib
+import errno
 import json
 import os
 import stat
@@ -67,6 +69,10 @@ _ROW_BYTES = 512
 _ROWS_READ = 100_000
 """A file of more bytes than this many rows of that size, or than the limit of the log, is no log:
 it is set aside unread, so that reading is bounded."""
+_LINES_OF_A_ROW = 4
+"""Lines of a file for each row that a log may hold, beyond which it is no log."""
+_LINE_BYTES = 8 * _ROW_BYTES
+"""Bytes of a line beyond which it is no row, also with quotes and added cells."""
 _MAX_NAMED = 20
 """Lines or runs of samples that a message names."""
 _MAX_NUMBER = 1 << 53
@@ -232,15 +238,15 @@ class BenchLog:
                 )
             self._forget()
             return
-        if identity.size > _ROW_BYTES * max(self._limit, _ROWS_READ):
-            aside = self._rename("damaged")
-            self._begin()
-            self.recovered = (
-                f"{self.path}: has {identity.size} bytes, too many for a log of "
-                f"{self._limit} samples, and is set aside unread as {aside.name}"
-            )
+        most = max(self._limit, _ROWS_READ)
+        if identity.size > _ROW_BYTES * most:
+            self._set_aside_unread(f"{identity.size} bytes")
             return
         raw = self.path.read_bytes()
+        lines = raw.count(b"\n")
+        if lines > _LINES_OF_A_ROW * most:
+            self._set_aside_unread(f"{lines} lines")
+            return
         reading = _read(raw, self._cells)
         if reading.strangers and not reading.rows:
             aside = self._rename("cleared")
@@ -262,6 +268,15 @@ class BenchLog:
         self._written = self._identity()
         with contextlib.suppress(OSError):
             self.note()
+
+    def _set_aside_unread(self, size: str) -> None:
+        """Begin a new log in place of a file whose size, in words, is that of no log."""
+        aside = self._rename("damaged")
+        self._begin()
+        self.recovered = (
+            f"{self.path}: has {size}, too many for a log of {self._limit} samples, and is set "
+            f"aside unread as {aside.name}"
+        )
 
     def note(self) -> None:
         """Write the last number and the missing ones to the JSON file, if they have changed.
@@ -320,7 +335,7 @@ class BenchLog:
         """Return which file has the name of the log; None when none has.
 
         Raises:
-            OSError: it is a link, or lies in a folder that is one.
+            OSError: it is a link, a pipe or a device, or lies in a folder that is a link.
         """
         require_no_link(self.path.parent)
         require_no_link(self.path)
@@ -328,6 +343,8 @@ class BenchLog:
             status = self.path.lstat()
         except FileNotFoundError:
             return None
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "is no regular file", str(self.path))
         return _Identity(status.st_dev, status.st_ino, status.st_size)
 
     def _append(self, text: bytes) -> bool:
@@ -481,10 +498,15 @@ def _read(raw: bytes, cells: int) -> _Reading:
     last = 0
     numbers = _NUMBERS
     picked: list[int] = []  # positions of the log's columns, where others were added
-    text = raw.removeprefix(b"\xef\xbb\xbf")
+    text = raw.removeprefix(codecs.BOM_UTF8)
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = raw.decode("utf-16", errors="replace").encode()
     if b"\n" not in text:  # ends of lines as of old Macintoshs
         text = text.replace(b"\r", b"\n")
     for place, line in enumerate(text.split(b"\n"), 1):
+        if len(line) > _LINE_BYTES:
+            damaged.append(place)
+            continue
         values = _cells(line)
         known = _known_columns(values)
         header = [values[position] for position in known]

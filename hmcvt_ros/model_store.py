@@ -27,6 +27,7 @@ from .state_folder import (
     next_name,
     read_small,
     require_no_link,
+    require_regular,
 )
 
 MAX_VERSIONS = KEPT_FILES // 2
@@ -305,6 +306,7 @@ def servable(path: Path) -> EfficiencyModel:
     Raises:
         InputError: the file is missing, damaged or not to be served.
     """
+    require_regular(path)
     model = load_model(path)
     if model.formulation != "power_balance":
         raise InputError(

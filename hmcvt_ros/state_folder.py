@@ -174,13 +174,24 @@ def working_directory_trouble() -> str:
     return ""
 
 
+def require_regular(path: Path) -> None:
+    """Refuse a pipe or a device where a file should be: reading it might never end.
+
+    Raises:
+        InputError: it is one.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: is no regular file")
+
+
 def read_small(path: Path) -> str:
     """Return the text of a file that the node wrote to keep its state.
 
     Raises:
-        ValueError: it is much longer than the node writes it, or no text.
+        ValueError: it is much longer than the node writes it, no text, or no regular file.
         OSError: it cannot be read.
     """
+    require_regular(path)
     size = path.stat().st_size
     if size > _STATE_BYTES:
         raise ValueError(f"{size} bytes; allowed are {_STATE_BYTES}")

@@ -78,7 +78,7 @@ def _plug_ins() -> tuple[str, ...]:
     for entry in entry_points(group=GROUP):
         try:
             entry.load()
-        except Exception as error:  # whatever somebody else's module may raise
+        except (Exception, SystemExit) as error:  # whatever another's module may raise
             complaints.append(f"{entry.value} ({type(error).__name__}: {error})")
     return tuple(complaints)
 
