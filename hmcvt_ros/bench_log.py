@@ -28,7 +28,7 @@ from hmcvt_core.interface import (
     write_atomically,
 )
 
-from .state_folder import Series, next_name, read_small, require_no_link
+from .state_folder import Series, next_name, read_small, require_plain_path
 
 FROM_SHAFTS = tuple(
     column.name
@@ -287,7 +287,7 @@ class BenchLog:
         now = (self._last, self._gone)
         if self._written is None or now == self._noted:
             return
-        require_no_link(self._note_path)
+        require_plain_path(self._note_path)
         text = json.dumps({"last": self._last, "gone": _listed(self._gone, _MAX_KEPT)})
         write_atomically(self._note_path, f"{text}\n")
         self._noted = now
@@ -299,7 +299,7 @@ class BenchLog:
     def _noted_last(self) -> int:
         """Return the number of the last sample as it was noted; 0 where it is not known."""
         try:
-            require_no_link(self._note_path)
+            require_plain_path(self._note_path)
             last = json.loads(read_small(self._note_path))["last"]
         except (OSError, ValueError, LookupError, TypeError, RecursionError):
             return 0
@@ -309,7 +309,7 @@ class BenchLog:
         """Remove the JSON file: the log that it describes is another file now."""
         self._noted = None
         with contextlib.suppress(OSError):
-            require_no_link(self._note_path.parent)
+            require_plain_path(self._note_path.parent)
             self._note_path.unlink(missing_ok=True)
 
     def _sorted_out(self, rows: Sequence[bytes]) -> tuple[list[bytes], frozenset[int]]:
@@ -337,8 +337,8 @@ class BenchLog:
         Raises:
             OSError: it is a link, a pipe or a device, or lies in a folder that is a link.
         """
-        require_no_link(self.path.parent)
-        require_no_link(self.path)
+        require_plain_path(self.path.parent)
+        require_plain_path(self.path)
         try:
             status = self.path.lstat()
         except FileNotFoundError:

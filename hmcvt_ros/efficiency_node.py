@@ -99,13 +99,13 @@ def _require_middleware() -> None:
 
 
 def _require_domain() -> None:
-    """Refuse a domain for which the middleware would end the process without a reason.
+    """Refuse a domain for which the middleware ends the process, or takes 0 without a word.
 
     Raises:
-        ValueError: there are no ports for it.
+        ValueError: it is no number, or there are no ports for it.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    if domain.isdecimal() and int(domain) > HIGHEST_DOMAIN:
+    domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if domain and not (domain.isdecimal() and int(domain) <= HIGHEST_DOMAIN):
         raise ValueError(f"ROS_DOMAIN_ID = {domain}; allowed 0 to {HIGHEST_DOMAIN}")
 
 

@@ -109,7 +109,7 @@ class StateFolder:
         """Note which files are there at this start, so that their ages can be counted."""
         # Without it all files count as recent, and nothing is removed.
         with contextlib.suppress(OSError):
-            require_no_link(self.path / _STARTS)
+            require_plain_path(self.path / _STARTS)
             starts = [*_starts(self.path), _highest_numbers(self.path)]
             text = json.dumps(starts[-KEPT_STARTS - 1 :])
             write_atomically(self.path / _STARTS, f"{text}\n")
@@ -198,16 +198,18 @@ def read_small(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def require_no_link(path: Path) -> None:
-    """Refuse a link where a folder or file of the node should be.
+def require_plain_path(path: Path) -> None:
+    """Refuse a link, a pipe or a device where a folder or file of the node should be.
 
     Raises:
-        OSError: it is a link.
+        OSError: it is one.
     """
     if path.is_symlink():
         raise OSError(
             errno.ELOOP, "is a link, and the node follows none here", str(path)
         )
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
 
 
 def next_name(
@@ -224,8 +226,8 @@ def next_name(
     Raises:
         OSError: the folder is a link, cannot be created or read, or is full of recent files.
     """
-    require_no_link(folder.parent)
-    require_no_link(folder)
+    require_plain_path(folder.parent)
+    require_plain_path(folder)
     make_folder(folder)
     for one in series:
         make_room(folder, one, spared)

@@ -1020,7 +1020,8 @@ def _(bench: Bench) -> str:
 
 @fault(_MESSAGES, "a stage with a line break, and one of a million characters")
 def _(bench: Bench) -> str:
-    bench.start(model_file=hmcvt.data_path("params/tractor.yaml"))
+    path = hmcvt.data_path("params/tractor.yaml")
+    bench.start(model_file=path)
     publisher = bench.player.create_publisher(String, "stage", qos.LATCHED)
     for stage in ("HM4\nlevel: OK", "x" * 1_000_000):
         publisher.publish(String(data=stage))
@@ -1028,7 +1029,7 @@ def _(bench: Bench) -> str:
     longest = max(len(status["message"]) for status in bench.player.statuses.values())
     require(longest < 2000, f"a message of {longest} characters")
     publisher.publish(String(data="HM4"))
-    bench.answers()
+    bench.answers(hmcvt.load_model(path).stages["HM4"])
     return "silent, WARN, the text cut and escaped; answers the next stage"
 
 
