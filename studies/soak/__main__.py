@@ -49,7 +49,7 @@ def main() -> int:
         loaded = trial.under_load(plan, folder, _say)
         fuzzed = trial.nonsense(plan, folder, _say)
         kills = _kill_trials(given.kills)
-        edits = _output_of("studies.soak.edit_log", "--memory")
+        edits = _output_of("studies.soak.edit_log")
         faults = folder / "faults.md"
         _output_of("studies.soak.faults", "--out", str(faults))
         command = " ".join(["python -m studies.soak", *sys.argv[1:]])

@@ -1057,7 +1057,7 @@ def _(bench: Bench) -> str:
         SetParameters,
         "set_parameters",
         **{
-            "optimum_hold": b"output_speed",
+            "optimum_hold": [b"a", b"b"],
             "max_output_rate": "fast",
             "qos_overrides./efficiency.publisher.depth": 1,
         },
@@ -1075,7 +1075,7 @@ def _(bench: Bench) -> str:
         sample.header.stamp = Time(sec=1000 + number)
         bench.player.send_sample(sample)
     bench.player.wait_until(lambda: len(bench.rows()) == 8, TOLD)
-    bench.reply("reidentify", success=False, words="operating point")
+    bench.reply("reidentify", success=False, words="1 distinct working point")
     with suppress(FallenError):
         bench.reply("diagnose", success=True)
     bench.answers()
