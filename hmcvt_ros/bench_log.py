@@ -81,8 +81,12 @@ _MAX_KEPT = 50_000
 """Runs of missing samples that the JSON file names; about 0.7 MB."""
 _NAME_SHOWN = 40
 """Characters of the name of a column that a message shows."""
-_DIGITS = 15
-"""Significant digits of the numbers: as many as a spreadsheet keeps."""
+_STAMP_DIGITS = 15
+"""Significant digits of a stamp: as many as a spreadsheet keeps."""
+_DIGITS = 14
+"""Significant digits of the other numbers. With one less than a spreadsheet keeps, a value that was
+computed from the torques and speeds of a message is that of a bench file to the last digit, so that
+a diagnosis of both is the same."""
 
 
 class Written(NamedTuple):
@@ -453,7 +457,8 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
     for name in _NUMBERS:
         column = getattr(samples, STATED.get(name, name))
         if column is not None:
-            columns.append([_written(value) for value in column.tolist()])
+            digits = _STAMP_DIGITS if name == "stamp" else _DIGITS
+            columns.append([_written(value, digits) for value in column.tolist()])
         elif name in STATED:
             columns.append([""] * len(samples))
         else:
@@ -471,9 +476,9 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
     return [",".join(row).encode() for row in rows]
 
 
-def _written(value: float) -> str:
-    """Return a number as the log writes it: with the digits that a spreadsheet keeps."""
-    return repr(float(f"{value:.{_DIGITS}g}"))
+def _written(value: float, digits: int) -> str:
+    """Return a number with some significant digits, as the log writes it."""
+    return repr(float(f"{value:.{digits}g}"))
 
 
 def _line(row: tuple[int, bytes]) -> bytes:
