@@ -682,7 +682,7 @@ def _(bench: Bench) -> str:
     return "serves, logs and refits"
 
 
-@fault(_ENVIRONMENT, "whoever reads its output ends")
+@fault(_ENVIRONMENT, "the program that reads its output ends")
 def _(bench: Bench) -> str:
     bench.start(launcher=("sh", "-c", '("$0" "$@" & echo $! >pid; wait) 2>&1 | true'))
     bench._process = bench.process  # the shell waits for it
@@ -744,7 +744,7 @@ def _(bench: Bench) -> str:
     return bench.refuses("get_param", ("-r", "~/diagnose:=hmcvt/get_parameters"))
 
 
-@fault(_NAMES, "the name of the node is none")
+@fault(_NAMES, "the name of the node has a space")
 def _(bench: Bench) -> str:
     return bench.refuses("__node:=1 node", ("-r", "__node:=1 node"))
 
@@ -852,7 +852,7 @@ def _(bench: Bench) -> str:
     return "serves, logs and refits"
 
 
-@fault(_PROGRAM, "`sys.stdout` and `sys.stderr` are None")
+@fault(_PROGRAM, "`sys.stdout = sys.stderr = None`")
 def _(bench: Bench) -> str:
     bench.host(before="sys.stdout = sys.stderr = None")
     _serves_all(bench)
