@@ -4,10 +4,14 @@
 A sample is on disk when `write` returns. Every row has a number and a checksum, so that each row
 can be judged alone: what a power cut leaves half written, or a person or a program changes, is
 taken out, named and kept in another file, and the other rows stay. Numbers without a row are
-samples that are gone. A row that stands there twice counts once.
+samples that are gone. A row that stands there twice counts once. A JSON file of the same name keeps
+the last number, so that rows missing at the end are noticed after a restart too.
 """
 
+import codecs
 import contextlib
+import errno
+import json
 import os
 import stat
 import zlib
@@ -24,7 +28,7 @@ from hmcvt_core.interface import (
     write_atomically,
 )
 
-from .state_folder import Series, next_name, require_no_link
+from .state_folder import Series, next_name, read_small, require_plain_path
 
 FROM_SHAFTS = tuple(
     column.name
@@ -55,6 +59,8 @@ _CHAINED = (*COLUMNS, "stated_std", "crc", "chain")
 _CHAINED_WITH_STAGE = (*_CHAINED[:-2], "stage", "crc", "chain")
 _EARLIER = {len(_CHAINED), len(_CHAINED_WITH_STAGE)}
 """Counts of cells of an earlier version; each count is that of one header."""
+_NAMES = frozenset((*_HEADER_WITH_STAGE, *_CHAINED_WITH_STAGE))
+"""Columns of logs of all versions."""
 _MARK = ",".join(COLUMNS).encode()
 """What the first line of every log holds."""
 _NOT_IN_A_STAGE = frozenset(',"#\n\r')
@@ -63,8 +69,24 @@ _ROW_BYTES = 512
 _ROWS_READ = 100_000
 """A file of more bytes than this many rows of that size, or than the limit of the log, is no log:
 it is set aside unread, so that reading is bounded."""
+_LINES_OF_A_ROW = 4
+"""Lines of a file for each row that a log may hold, beyond which it is no log."""
+_LINE_BYTES = 8 * _ROW_BYTES
+"""Bytes of a line beyond which it is no row, also with quotes and added cells."""
 _MAX_NAMED = 20
 """Lines or runs of samples that a message names."""
+_MAX_NUMBER = 1 << 53
+"""Numbers of rows below it are exact as floats."""
+_MAX_KEPT = 50_000
+"""Runs of missing samples that the JSON file names; about 0.7 MB."""
+_NAME_SHOWN = 40
+"""Characters of the name of a column that a message shows."""
+_STAMP_DIGITS = 15
+"""Significant digits of a stamp: as many as a spreadsheet keeps."""
+_DIGITS = 14
+"""Significant digits of the other numbers. With one less than a spreadsheet keeps, a value that was
+computed from the torques and speeds of a message is that of a bench file to the last digit, so that
+a diagnosis of both is the same."""
 
 
 class Written(NamedTuple):
@@ -95,12 +117,14 @@ class _Reading(NamedTuple):
         strangers: numbers of the lines that are rows of the other kind, with stages or without,
             or of a later version.
         repeats: count of rows that stand there more than once.
+        added: names of columns that are not the log's.
     """
 
     rows: list[_Row]
     damaged: list[int]
     strangers: list[int]
     repeats: int
+    added: list[str]
 
 
 class _Identity(NamedTuple):
@@ -137,9 +161,11 @@ class BenchLog:
         self._limit = limit
         self._logged: set[int] = set()  # hashes of the rows
         self._last = 0  # number of the last row
-        self._gone = ""  # numbers without a row, as they were reported
+        self._gone: list[str] = []  # runs of numbers without a row, as reported
+        self._noted: tuple[int, list[str]] | None = None  # what the JSON file holds
         self._written: _Identity | None = None
         self._removed = 0  # samples that vanished with the file
+        self._last = self._noted_last()
         try:
             self.check()
         except OSError as error:
@@ -205,7 +231,7 @@ class BenchLog:
         Raises:
             OSError: it cannot be read or repaired.
         """
-        expected = len(self)
+        expected = len(self) or self._last
         identity = self._identity()
         if identity is None:
             self._begin()
@@ -214,16 +240,17 @@ class BenchLog:
                 self.recovered = (
                     f"{self.path}: is gone, and {self._removed} samples with it"
                 )
+            self._forget()
             return
-        if identity.size > _ROW_BYTES * max(self._limit, _ROWS_READ):
-            aside = self._rename("damaged")
-            self._begin()
-            self.recovered = (
-                f"{self.path}: has {identity.size} bytes, too many for a log of "
-                f"{self._limit} samples, and is set aside unread as {aside.name}"
-            )
+        most = max(self._limit, _ROWS_READ)
+        if identity.size > _ROW_BYTES * most:
+            self._set_aside_unread(f"{identity.size} bytes")
             return
         raw = self.path.read_bytes()
+        lines = raw.count(b"\n")
+        if lines > _LINES_OF_A_ROW * most:
+            self._set_aside_unread(f"{lines} lines")
+            return
         reading = _read(raw, self._cells)
         if reading.strangers and not reading.rows:
             aside = self._rename("cleared")
@@ -238,10 +265,56 @@ class BenchLog:
         self._last = max(self._last, *(row.number for row in reading.rows), 0)
         text = self._header + b"".join(map(_line, reading.rows))
         damaged = sorted(reading.damaged + reading.strangers)
-        self._report(reading, damaged, self._keep(raw) if damaged else None)
+        changed = damaged or reading.added
+        self._report(reading, damaged, self._keep(raw) if changed else None)
         if text != raw:
             write_atomically(self.path, text)
         self._written = self._identity()
+        with contextlib.suppress(OSError):
+            self.note()
+
+    def _set_aside_unread(self, size: str) -> None:
+        """Begin a new log in place of a file whose size, in words, is that of no log."""
+        aside = self._rename("damaged")
+        self._begin()
+        self.recovered = (
+            f"{self.path}: has {size}, too many for a log of {self._limit} samples, and is set "
+            f"aside unread as {aside.name}"
+        )
+
+    def note(self) -> None:
+        """Write the last number and the missing ones to the JSON file, if they have changed.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        now = (self._last, self._gone)
+        if self._written is None or now == self._noted:
+            return
+        require_plain_path(self._note_path)
+        text = json.dumps({"last": self._last, "gone": _listed(self._gone, _MAX_KEPT)})
+        write_atomically(self._note_path, f"{text}\n")
+        self._noted = now
+
+    @property
+    def _note_path(self) -> Path:
+        return self.path.with_suffix(".json")
+
+    def _noted_last(self) -> int:
+        """Return the number of the last sample as it was noted; 0 where it is not known."""
+        try:
+            require_plain_path(self._note_path)
+            last = json.loads(read_small(self._note_path))["last"]
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+            return 0
+        return last if isinstance(last, int) and 0 <= last < _MAX_NUMBER else 0
+
+    def _forget(self) -> None:
+        """Remove the JSON file: the log that it describes is another file now."""
+        self._noted = None
+        with contextlib.suppress(OSError):
+            require_plain_path(self._note_path.parent)
+            self._note_path.unlink(missing_ok=True)
 
     def _sorted_out(self, rows: Sequence[bytes]) -> tuple[list[bytes], frozenset[int]]:
         """Return the new rows for which there is room, and the positions of the repeats."""
@@ -259,21 +332,23 @@ class BenchLog:
         """Forget the file: the next sample begins another one."""
         self._logged = set()
         self._last = 0
-        self._gone = ""
+        self._gone = []
         self._written = None
 
     def _identity(self) -> _Identity | None:
         """Return which file has the name of the log; None when none has.
 
         Raises:
-            OSError: it is a link, or lies in a folder that is one.
+            OSError: it is a link, a pipe or a device, or lies in a folder that is a link.
         """
-        require_no_link(self.path.parent)
-        require_no_link(self.path)
+        require_plain_path(self.path.parent)
+        require_plain_path(self.path)
         try:
             status = self.path.lstat()
         except FileNotFoundError:
             return None
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(errno.EINVAL, "is no regular file", str(self.path))
         return _Identity(status.st_dev, status.st_ino, status.st_size)
 
     def _append(self, text: bytes) -> bool:
@@ -310,25 +385,31 @@ class BenchLog:
             kept: copy of the file as it was.
         """
         problems = []
-        if kept is not None:
+        if damaged:
             lines = _listed([str(number) for number in damaged])
-            problems.append(
-                f"{len(damaged)} damaged lines taken out (line {lines}), the file as it "
-                f"was is kept as {kept.name}"
-            )
+            problems.append(f"{len(damaged)} damaged lines taken out (line {lines})")
+        if reading.added:
+            columns = _listed([repr(name[:_NAME_SHOWN]) for name in reading.added])
+            problems.append(f"columns that are not the log's taken out ({columns})")
+        if kept is not None:
+            problems[-1] = f"{problems[-1]}, the file as it was is kept as {kept.name}"
         if reading.repeats:
             problems.append(
                 f"{reading.repeats} rows stood there more than once and count once"
             )
         gone = _gaps([row.number for row in reading.rows], self._last)
         if gone and gone != self._gone:
-            problems.append(f"gone are samples number {gone}")
+            words = f"gone are samples number {_listed(gone)}"
+            if len(gone) > _MAX_NAMED:
+                words = f"{words}, all of them in {self._note_path.name}"
+            problems.append(words)
         self._gone = gone
         if problems:
             self.recovered = f"{self.path}: {'; '.join(problems)}"
 
     def _rename(self, reason: str) -> Path:
         kept = self._free_name(reason)
+        self._forget()  # before the log is gone, or it would be missed after a crash
         self.path.rename(kept)
         sync_folder(self.path.parent)
         return kept
@@ -376,7 +457,8 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
     for name in _NUMBERS:
         column = getattr(samples, STATED.get(name, name))
         if column is not None:
-            columns.append([repr(value) for value in column.tolist()])
+            digits = _STAMP_DIGITS if name == "stamp" else _DIGITS
+            columns.append([_written(value, digits) for value in column.tolist()])
         elif name in STATED:
             columns.append([""] * len(samples))
         else:
@@ -392,6 +474,11 @@ def rows_of(samples: BenchSamples) -> list[bytes]:
             if _NOT_IN_A_STAGE & set(name):
                 raise InputError(f"{samples.source}: {name!r} is no name for a log")
     return [",".join(row).encode() for row in rows]
+
+
+def _written(value: float, digits: int) -> str:
+    """Return a number with some significant digits, as the log writes it."""
+    return repr(float(f"{value:.{digits}g}"))
 
 
 def _line(row: tuple[int, bytes]) -> bytes:
@@ -412,16 +499,34 @@ def _read(raw: bytes, cells: int) -> _Reading:
     damaged = []
     strangers = []
     repeats = 0
+    added: list[str] = []
     last = 0
     numbers = _NUMBERS
-    for place, line in enumerate(raw.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
+    picked: list[int] = []  # positions of the log's columns, where others were added
+    text = raw.removeprefix(codecs.BOM_UTF8)
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        text = raw.decode("utf-16", errors="replace").encode()
+    if b"\n" not in text:  # ends of lines as of old Macintoshs
+        text = text.replace(b"\r", b"\n")
+    for place, line in enumerate(text.split(b"\n"), 1):
+        if len(line) > _LINE_BYTES:
+            damaged.append(place)
+            continue
         values = _cells(line)
-        if _is_header(values):
-            numbers = _numbers_of(values)
+        known = _known_columns(values)
+        header = [values[position] for position in known]
+        if _is_header(header):
+            numbers = _numbers_of(header)
+            picked = known if len(known) < len(values) else []
+            added += [name for name in values if name and name not in _NAMES]
             continue
         if not any(values):
             continue
-        row = _intact(values, numbers)
+        row = None
+        if picked and len(values) > picked[-1]:
+            row = _intact([values[position] for position in picked], numbers)
+        if row is None:
+            row = _intact(values, _NUMBERS if picked else numbers)
         if row is None:
             damaged.append(place)
         elif row.text.count(b",") != cells - 3:
@@ -435,7 +540,7 @@ def _read(raw: bytes, cells: int) -> _Reading:
     numbered = sorted(
         (_Row(n, text) for text, n in rows.items()), key=lambda r: r.number
     )
-    return _Reading(numbered, damaged, strangers, repeats)
+    return _Reading(numbered, damaged, strangers, repeats, added)
 
 
 def _cells(line: bytes) -> list[str]:
@@ -449,6 +554,11 @@ def _cells(line: bytes) -> list[str]:
     if mark != ",":
         text = text.replace(",", ".").replace(mark, ",")
     return [cell.strip('"') for cell in text.split(",")]
+
+
+def _known_columns(cells: Sequence[str]) -> list[int]:
+    """Return the positions of the cells that name columns of the log."""
+    return [i for i, cell in enumerate(cells) if cell in _NAMES]
 
 
 def _is_header(cells: Sequence[str]) -> bool:
@@ -490,7 +600,8 @@ def _intact(cells: Sequence[str], numbers: Sequence[str]) -> _Row | None:
         values = [_number(cell) for cell in cells[1:end]]
     except (ValueError, OverflowError):
         return None
-    words = cells[end:-1]
+    session, *others = cells[end:-1]
+    words = [_whole(session), *others]
     written = _line((number, ",".join([*values, *words]).encode())).decode().rstrip()
     if not written.endswith(f",{cells[-1]}"):
         return None
@@ -499,24 +610,30 @@ def _intact(cells: Sequence[str], numbers: Sequence[str]) -> _Row | None:
     return _Row(number, ",".join([*now, *words]).encode())
 
 
+def _whole(cell: str) -> str:
+    """Return a whole number without the decimals that a program has added."""
+    return cell.removesuffix(".0")
+
+
 def _number(cell: str) -> str:
     """Return a number in the form in which the log writes it; empty for an empty cell."""
     return repr(float(cell)) if cell else ""
 
 
-def _gaps(numbers: Iterable[int], last: int) -> str:
-    """Return which numbers from 1 to `last` are missing among rising numbers, in words."""
+def _gaps(numbers: Iterable[int], last: int) -> list[str]:
+    """Return which numbers from 1 to `last` are missing among rising numbers, as runs."""
     missing = []
     for before, after in pairwise([0, *numbers, last + 1]):
         if after - before == 2:
             missing.append(f"{before + 1}")
         elif after - before > 2:
             missing.append(f"{before + 1} to {after - 1}")
-    return _listed(missing)
+    return missing
 
 
-def _listed(words: Sequence[str]) -> str:
-    listed = ", ".join(words[:_MAX_NAMED])
-    if len(words) > _MAX_NAMED:
-        return f"{listed} and {len(words) - _MAX_NAMED} more"
+def _listed(words: Sequence[str], most: int = _MAX_NAMED) -> str:
+    """Return words in one line; `most` of them, and the count of the others."""
+    listed = ", ".join(words[:most])
+    if len(words) > most:
+        return f"{listed} and {len(words) - most} more"
     return listed

@@ -7,6 +7,7 @@ module of its parent; so nothing that takes time is imported before `main`.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import signal
@@ -34,7 +35,7 @@ STUCK = 1
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM.
+    """Run the node until SIGINT or SIGTERM, or until its terminal is closed.
 
     Args:
         arguments: command line with the name of the program; None takes `sys.argv`.
@@ -45,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv if arguments is None else arguments)
     signals = _stop_signals()
     try:
+        _require_middleware()
         import rclpy
     except ImportError as error:
         return _failed(
@@ -82,14 +84,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return _run(node, signals)
 
 
-def _require_domain() -> None:
-    """Refuse a domain for which the middleware would end the process without a reason.
+def _require_middleware() -> None:
+    """Refuse a middleware that is not installed: ROS would end the process while it is loaded.
 
     Raises:
-        ValueError: there are no ports for it.
+        ImportError: it cannot be loaded.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    if domain.isdecimal() and int(domain) > HIGHEST_DOMAIN:
+    name = os.environ.get("RMW_IMPLEMENTATION", "")
+    if name:
+        try:
+            ctypes.CDLL(f"lib{name}.so")
+        except OSError as error:
+            raise ImportError(f"RMW_IMPLEMENTATION = {name}: {error}") from None
+
+
+def _require_domain() -> None:
+    """Refuse a domain for which the middleware ends the process, or takes 0 without a word.
+
+    Raises:
+        ValueError: it is no number, or there are no ports for it.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
+    if domain and not (domain.isdecimal() and int(domain) <= HIGHEST_DOMAIN):
         raise ValueError(f"ROS_DOMAIN_ID = {domain}; allowed 0 to {HIGHEST_DOMAIN}")
 
 
@@ -157,7 +173,7 @@ def _spin(node: EfficiencyNode, executor: Any, signals: list[int]) -> int:
 
 
 def _stop_signals() -> list[int]:
-    """Return a list that SIGINT and SIGTERM fill; it is read between two callbacks.
+    """Return a list that SIGINT, SIGTERM and SIGHUP fill; it is read between two callbacks.
 
     The handlers of rclpy raise in the middle of whatever runs, which ends in tracebacks now and
     then. A second signal ends the process at once.
@@ -170,6 +186,8 @@ def _stop_signals() -> list[int]:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, note)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup sets it
+        signal.signal(signal.SIGHUP, note)
     return received
 
 

@@ -20,7 +20,7 @@ from hmcvt_core.interface import (
 
 from .bench_log import STATED, STATED_SESSION
 from .model_store import Promised, proven, servable
-from .state_folder import MODELS, PAGE_DATA, PAGES, next_name
+from .state_folder import MODELS, PAGE_DATA, PAGES, next_name, require_regular
 
 
 def with_proven(
@@ -171,6 +171,7 @@ def bench_of(path: Path, noise: float = 0.0) -> hmcvt.BenchSamples:
     Raises:
         InputError: the file is wrong, or a stated standard deviation is.
     """
+    require_regular(path)
     bench = _with_channels(hmcvt.read_bench(path))
     cells = bench.extra.get("stated_std", ())
     if bench.efficiency_std is not None or not any(cells):

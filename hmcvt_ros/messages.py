@@ -50,6 +50,8 @@ CHANNELS = tuple(column for column in BENCH_COLUMNS if column.joint)
 """What a bench sample may state in addition, each by the `position` of a joint of that name."""
 SESSION = "session"
 """Joint whose `position` is the number of the session of a bench sample."""
+_SESSION_LIMIT = 2**31
+"""Largest number of a session, as on the topic."""
 
 _SOURCE = "bench_sample"
 
@@ -162,6 +164,8 @@ def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str,
         return {} if otherwise is None else {SESSION: (str(otherwise),)}
     if not value.is_integer():
         raise InputError(f"{_SOURCE}: {SESSION} = {value:g} is no whole number")
+    if abs(value) > _SESSION_LIMIT:
+        raise InputError(f"{_SOURCE}: {SESSION} = {value:g} is no 32-bit number")
     return {SESSION: (f"{value:.0f}",)}
 
 

@@ -26,7 +26,8 @@ from .state_folder import (
     is_old,
     next_name,
     read_small,
-    require_no_link,
+    require_plain_path,
+    require_regular,
 )
 
 MAX_VERSIONS = KEPT_FILES // 2
@@ -251,8 +252,8 @@ class ModelStore:
             "accepted": [version.accepted for version in stack],
         }
         sealed = {**state, "checksum": _checksum(state)}
-        require_no_link(self._state.parent)
-        require_no_link(self._state)
+        require_plain_path(self._state.parent)
+        require_plain_path(self._state)
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
         self._stack = stack
         self.complaint = selection.complaint
@@ -305,6 +306,7 @@ def servable(path: Path) -> EfficiencyModel:
     Raises:
         InputError: the file is missing, damaged or not to be served.
     """
+    require_regular(path)
     model = load_model(path)
     if model.formulation != "power_balance":
         raise InputError(

@@ -61,7 +61,7 @@ from .outputs import ADVICE, ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
 from .services import Services
-from .state_folder import StateFolder, working_directory_trouble
+from .state_folder import StateFolder, require_regular, working_directory_trouble
 
 TICK = 0.1
 """Period of the timer [s]."""
@@ -71,6 +71,19 @@ STAGE_LIMIT = 200
 """Most characters of the name of a stage."""
 WATCHED_AT_ONCE = 200
 """Samples that the watch takes between two diagnostics; they take 10 ms."""
+
+_ONE_PUBLISHER = (
+    *(limits.name for limits in INPUT_RANGES),
+    OIL_TEMPERATURE.name,
+    "stage",
+    messages.SESSION,
+    "efficiency",
+    "optimal_displacement_ratio",
+    "optimal_engine_speed",
+    "optimal_stage",
+    "advice",
+)
+"""Topics on which a second publisher is a mistake."""
 
 POINT_INVALID = "invalid"
 POINT_STALE = "stale"
@@ -134,6 +147,7 @@ class EfficiencyNode(Node):
         """
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._resources = ExitStack()
+        self._process_id = os.getpid()
         try:
             self._start()
         except BaseException:
@@ -167,8 +181,11 @@ class EfficiencyNode(Node):
     def close(self) -> bool:
         """End the threads and the process of the node; False when the disk does not answer.
 
-        Samples that wait for the disk are written first. A second call does nothing.
+        Samples that wait for the disk are written first. A second call does nothing, and neither
+        does one in a forked process, which shares the node's process but has no such threads.
         """
+        if os.getpid() != self._process_id:
+            return True
         self._resources.close()
         return self._written
 
@@ -199,6 +216,8 @@ class EfficiencyNode(Node):
         self._output_due = False
         self._served = self._store.in_service
         self._engine = None
+        for path in (self._settings.engine_file, self._settings.vehicle_file):
+            require_regular(Path(path))
         if self._settings.engine_file:
             self._engine = load_engine(self._settings.engine_file)
         self._vehicle = None
@@ -225,7 +244,7 @@ class EfficiencyNode(Node):
             self._public,
         )
         self._resources.callback(self._service_handlers.close)
-        self._require_distinct_topics()
+        self._require_distinct_names()
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
             TICK,
@@ -366,12 +385,19 @@ class EfficiencyNode(Node):
                 None,
             )
 
-    def _require_distinct_topics(self) -> None:
+    def _require_distinct_names(self) -> None:
         """Refuse remappings by which the node would answer itself, or take one input for two.
 
         Raises:
-            InputError: two of its topics have the same name.
+            InputError: two of its topics or services have the same name.
         """
+        services = [service.service_name for service in self.services]
+        for name in services:
+            if services.count(name) > 1:
+                raise InputError(
+                    f"{name} is the name of {services.count(name)} services of the node; remap "
+                    "each to another name"
+                )
         used = [publisher.topic_name for publisher in self.publishers]
         used += [subscription.topic_name for subscription in self.subscriptions]
         for name in used:
@@ -410,6 +436,16 @@ class EfficiencyNode(Node):
                     f"{name}: nothing comes from {publishers} publisher(s); does their quality of "
                     "service fit that of qos_overrides?"
                 )
+        for name in _ONE_PUBLISHER:
+            publishers = self.count_publishers(self.resolve_topic_name(name))
+            if publishers > 1:
+                warnings.append(f"{name}: {publishers} publishers, which may disagree")
+        itself = (self.get_name(), self.get_namespace())
+        if self.get_node_names_and_namespaces().count(itself) > 1:
+            warnings.append(
+                f"another node has the name {self.get_fully_qualified_name()} too: clients cannot "
+                "tell the two apart"
+            )
         if self.get_parameter("use_sim_time").value:
             clocks = self.count_publishers(self.resolve_topic_name(CLOCK_TOPIC))
             if clocks > 1:

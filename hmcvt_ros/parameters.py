@@ -509,11 +509,15 @@ def declare(node: Node) -> Settings:
 def _expanded(name: str, path: str) -> str:
     """Return a path with the home folder in place of `~`, which a shell leaves after `:=`.
 
+    The path is absolute, because some files are read again when the program may have changed its
+    working directory. The name of a module with effects stays.
+
     Raises:
         InputError: there is no such home folder.
     """
+    is_module = name == "effects_file" and not path.endswith(".py")
     try:
-        return str(Path(path).expanduser()) if path.startswith("~") else path
+        return path if is_module else str(Path(path).expanduser().absolute())
     except RuntimeError:
         raise InputError(
             f"parameter {name} = {path!r}: ~ names no home folder"

@@ -5,6 +5,7 @@ Everything that waits for a disk runs in a thread of its own: bench samples and 
 Samples that come while the disk is busy are written together, with one wait for all of them.
 """
 
+import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
@@ -130,15 +131,23 @@ class Recorder:
 
     def close(self) -> bool:
         """Write what waits, and end; return False when the disk takes too long."""
-        written = wait([self.call(bool)], _PATIENCE).done
+        written = wait([self.call(self._note)], _PATIENCE).done
         self._thread.shutdown(wait=False)
         return bool(written)
 
     def _ask_disk(self) -> None:
         self._asked = time.monotonic()
-        self._answer = self.call(self._look)
+        self._answer = self.call(self._look_at_disk)
 
     # --- the thread; it alone counts, so that no two threads do -----------------------------------
+
+    def _look_at_disk(self) -> str:
+        self._note()
+        return self._look()
+
+    def _note(self) -> None:
+        with contextlib.suppress(OSError):  # the next sample tells of it
+            self.log.note()
 
     def _refuse(self, reason: str, complaint: str, count: int = 1) -> None:
         self.tally.refuse(reason, complaint, count)

@@ -145,6 +145,9 @@ class Services:
         reason = self._reason_to_end(job)
         if reason:
             self._end(job, reason)
+        elif self._worker.starved:
+            job.starved = True
+            self._worker.kill()
 
     def close(self) -> None:
         """Kill a running job."""
@@ -336,20 +339,21 @@ class Services:
         samples = await self._on_disk(self._samples)
         self._activity.trouble = ""
         job.working = True
+        given = {
+            "work": work,
+            "promised": self._store.promised,
+            "effects": settings.effects_file,
+            "samples": samples,
+            "seed": settings.reidentify_seed,
+            **options,
+        }
         try:
             running = self._worker.submit(
-                jobs.with_proven,
-                settings.job_memory_limit,
-                work=work,
-                promised=self._store.promised,
-                effects=settings.effects_file,
-                samples=samples,
-                seed=settings.reidentify_seed,
-                **options,
+                jobs.with_proven, settings.job_memory_limit, **given
             )
             self._lines.note(f"{job.name} started", f"{job.name}: started on {samples}")
             self._progress.report(job, "started", samples=samples.name)
-            result: Data = await _result_of(running)
+            result: Data = await self._result_despite_load(job, running, given)
         except (BrokenProcessPool, CancelledError):
             job.ended = job.ended or (
                 f"the worker process ended with status {self._worker.exit_status}"
@@ -366,6 +370,33 @@ class Services:
                 self._activity.trouble = f"{job.name}: {job.ended}"
             raise HmcvtError(f"{job.name}: {job.ended}")
         return {**result, "seconds": round(job.seconds, 3)}
+
+    async def _result_despite_load(
+        self, job: Job, running: Future[Any], given: Data
+    ) -> Data:
+        """Return the result of the job under way, begun again where other processes starve it.
+
+        Args:
+            job: the job.
+            running: its future.
+            given: arguments of the job.
+        """
+        try:
+            return await _result_of(running)
+        except (BrokenProcessPool, CancelledError):
+            if job.ended or not job.starved:
+                raise
+        self._lines.note(
+            f"{job.name} starved",
+            f"{job.name}: the processors are busy; begun again with a share of them",
+        )
+        again = self._worker.submit(
+            jobs.with_proven,
+            self._settings().job_memory_limit,
+            shares=True,
+            **given,
+        )
+        return await _result_of(again)
 
     def _samples(self) -> Path:
         """Return the file with the samples of a job, checked."""

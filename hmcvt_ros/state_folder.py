@@ -109,7 +109,7 @@ class StateFolder:
         """Note which files are there at this start, so that their ages can be counted."""
         # Without it all files count as recent, and nothing is removed.
         with contextlib.suppress(OSError):
-            require_no_link(self.path / _STARTS)
+            require_plain_path(self.path / _STARTS)
             starts = [*_starts(self.path), _highest_numbers(self.path)]
             text = json.dumps(starts[-KEPT_STARTS - 1 :])
             write_atomically(self.path / _STARTS, f"{text}\n")
@@ -174,29 +174,42 @@ def working_directory_trouble() -> str:
     return ""
 
 
+def require_regular(path: Path) -> None:
+    """Refuse a pipe or a device where a file should be: reading it might never end.
+
+    Raises:
+        InputError: it is one.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: is no regular file")
+
+
 def read_small(path: Path) -> str:
     """Return the text of a file that the node wrote to keep its state.
 
     Raises:
-        ValueError: it is much longer than the node writes it, or no text.
+        ValueError: it is much longer than the node writes it, no text, or no regular file.
         OSError: it cannot be read.
     """
+    require_regular(path)
     size = path.stat().st_size
     if size > _STATE_BYTES:
         raise ValueError(f"{size} bytes; allowed are {_STATE_BYTES}")
     return path.read_text(encoding="utf-8")
 
 
-def require_no_link(path: Path) -> None:
-    """Refuse a link where a folder or file of the node should be.
+def require_plain_path(path: Path) -> None:
+    """Refuse a link, a pipe or a device where a folder or file of the node should be.
 
     Raises:
-        OSError: it is a link.
+        OSError: it is one.
     """
     if path.is_symlink():
         raise OSError(
             errno.ELOOP, "is a link, and the node follows none here", str(path)
         )
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "is no regular file", str(path))
 
 
 def next_name(
@@ -213,8 +226,8 @@ def next_name(
     Raises:
         OSError: the folder is a link, cannot be created or read, or is full of recent files.
     """
-    require_no_link(folder.parent)
-    require_no_link(folder)
+    require_plain_path(folder.parent)
+    require_plain_path(folder)
     make_folder(folder)
     for one in series:
         make_room(folder, one, spared)

@@ -2,8 +2,9 @@
 """A second process for heavy work, so that lookups keep their latency meanwhile.
 
 One process serves all jobs and is started for the first: starting it takes the node longer than a
-refit. It can be killed, and it does not outlive the node. The process loads this module first, at
-full priority, so it imports nothing but the standard library.
+refit. It computes only while no other process wants to, and where that is never, a job is begun
+again in a process that takes a share. The process can be killed, and it does not outlive the node.
+It loads this module first, at full priority, so it imports nothing but the standard library.
 """
 
 import os
@@ -22,6 +23,13 @@ from typing import Any
 _YIELD_PERIOD = 5e-4
 """Time between two offers of the processor to others [s]; about what an answer takes."""
 _LOWEST_PRIORITY = 19
+_SHARING_PRIORITY = 5
+"""Nice value of a process that takes a share: a quarter of a core beside one busy process."""
+_STARVED_AFTER = 5.0
+"""Time that a process waits for a processor before it can count as starved [s]; chosen by us."""
+_STARVED_SHARE = 0.2
+"""Fraction of the time it wants to compute below which a process is starved; chosen by us."""
+_NANOSECOND = 1e-9
 _FIRST_OUT_OF_MEMORY = "1000"
 """Score of the process that Linux ends first where memory runs out."""
 
@@ -50,15 +58,22 @@ class Worker:
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
         self._processes: list[SpawnProcess] = []
+        self._shares = False  # whether the process takes a share
+        self._before = (0.0, 0.0)  # times of the process before the job [s]
 
     def submit(
-        self, job: Callable[..., Any], memory: int, **options: Any
+        self,
+        job: Callable[..., Any],
+        memory: int,
+        shares: bool = False,
+        **options: Any,
     ) -> Future[Any]:
         """Start a job.
 
         Args:
             job: function to call in the other process.
             memory: memory that it may take [MiB].
+            shares: whether the job takes a share of a busy processor, or what others leave.
             options: arguments of the job.
 
         Returns:
@@ -68,15 +83,19 @@ class Worker:
         Raises:
             OSError: no process can be started.
         """
+        if shares != self._shares:
+            self.kill()
         if self._pool is None:
             context = _Context()
             self._processes = context.processes
-            self._pool = ProcessPoolExecutor(1, context, _begin)
+            self._shares = shares
+            self._pool = ProcessPoolExecutor(1, context, _begin, (shares,))
+        self._before = self._times() or (0.0, 0.0)
         try:
             return self._pool.submit(_limited, job, memory, options)
         except BrokenProcessPool:  # it died while it was idle
             self.kill()
-            return self.submit(job, memory, **options)
+            return self.submit(job, memory, shares, **options)
         except OSError:
             self.kill()
             raise
@@ -105,6 +124,24 @@ class Worker:
             )
         return False
 
+    @property
+    def starved(self) -> bool:
+        """Whether others leave the process of a job hardly any time on the processors."""
+        times = self._times()
+        if times is None or self._shares:
+            return False
+        ran = times[0] - self._before[0]
+        waited = times[1] - self._before[1]
+        return waited > _STARVED_AFTER and ran < _STARVED_SHARE * (ran + waited)
+
+    def _times(self) -> tuple[float, float] | None:
+        """Return how long the process has run and waited for a processor [s]; None if unknown."""
+        for process in self._started:
+            with suppress(OSError, ValueError):  # Linux tells it, where it is built in
+                words = Path(f"/proc/{process.pid}/schedstat").read_text().split()
+                return float(words[0]) * _NANOSECOND, float(words[1]) * _NANOSECOND
+        return None
+
     def kill(self, wait: bool = False) -> None:
         """Kill the process, and a running job with it.
 
@@ -123,9 +160,18 @@ class Worker:
         self._processes = []
 
 
-def _begin() -> None:
-    """Give the new process the lowest priority, and let it end with its parent."""
-    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while no other process wants to
+def _begin(shares: bool) -> None:
+    """Give the new process a low priority, and let it end with its parent.
+
+    Args:
+        shares: whether it takes a share of a busy processor. A process without privileges cannot
+            leave the idle priority again.
+    """
+    if shares:
+        os.nice(_SHARING_PRIORITY)
+    elif hasattr(
+        os, "SCHED_IDLE"
+    ):  # Linux: compute only while no other process wants to
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
         os.nice(_LOWEST_PRIORITY)
@@ -143,7 +189,7 @@ def _limited(job: Callable[..., Any], memory: int, options: Mapping[str, Any]) -
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
-    if hasattr(os, "sched_yield"):
+    if hasattr(os, "SCHED_IDLE") and os.sched_getscheduler(0) == os.SCHED_IDLE:
         # Linux may leave a thread that wakes behind an idle priority until the next tick (4 ms).
         signal.signal(signal.SIGALRM, lambda *_: os.sched_yield())
         signal.setitimer(signal.ITIMER_REAL, _YIELD_PERIOD, _YIELD_PERIOD)

@@ -49,9 +49,14 @@ def main() -> int:
         loaded = trial.under_load(plan, folder, _say)
         fuzzed = trial.nonsense(plan, folder, _say)
         kills = _kill_trials(given.kills)
-    command = " ".join(["python -m studies.soak", *sys.argv[1:]])
-    run = Run(command, time.monotonic() - start, others)
-    given.out.write_text(report.text(run, plan, loaded, fuzzed, kills))
+        edits = _output_of("studies.soak.edit_log")
+        faults = folder / "faults.md"
+        _output_of("studies.soak.faults", "--out", str(faults))
+        command = " ".join(["python -m studies.soak", *sys.argv[1:]])
+        run = Run(command, time.monotonic() - start, others)
+        given.out.write_text(
+            report.text(run, plan, loaded, fuzzed, kills, edits, faults.read_text())
+        )
     missed = [
         goal for goal in report.goals(loaded, fuzzed, kills, plan) if not goal.met
     ]
@@ -59,6 +64,18 @@ def main() -> int:
         _say(f"missed: {goal.what}: {goal.measured}; goal: {goal.goal}")
     _say(f"Written to {given.out} after {run.seconds:.0f} s.")
     return 1 if missed else 0
+
+
+def _output_of(module: str, *arguments: str) -> str:
+    """Run a further trial and return what it prints."""
+    _say(f"{module} ...")
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=processes.ROOT,
+        check=False,
+    ).stdout
 
 
 def _kill_trials(count: int) -> report.Process:

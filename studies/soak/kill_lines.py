@@ -105,7 +105,8 @@ def _logged(path: Path) -> list[int]:
         return []
     read = hmcvt.read_bench(path)
     assert read.stamp is not None
-    if not np.array_equal(read.engine_speed, 100.0 + read.stamp % 1000 / 7.0):
+    sent = 100.0 + read.stamp % 1000 / 7.0
+    if not np.allclose(read.engine_speed, sent, rtol=1e-13, atol=0.0):
         raise hmcvt.InputError(f"{path}: samples are not as they were sent")
     return list(map(int, read.stamp))
 

@@ -74,8 +74,26 @@ def goals(loaded: Loaded, fuzzed: Fuzzed, kills: Process, plan: Plan) -> list[Go
     ]
 
 
-def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -> str:
-    """Return the document."""
+def text(
+    run: Run,
+    plan: Plan,
+    loaded: Loaded,
+    fuzzed: Fuzzed,
+    kills: Process,
+    edits: str = "",
+    faults: str = "",
+) -> str:
+    """Return the document.
+
+    Args:
+        run: how the trials were run.
+        plan: what was planned.
+        loaded: trials under load.
+        fuzzed: trial with invalid messages.
+        kills: run of `kill_trials`.
+        edits: output of `edit_log`.
+        faults: table of `faults`.
+    """
     both = (("node", loaded.rising), ("relay", loaded.rising_relay))
     return render(
         "report.md.j2",
@@ -85,6 +103,8 @@ def text(run: Run, plan: Plan, loaded: Loaded, fuzzed: Fuzzed, kills: Process) -
         loaded=loaded,
         fuzzed=fuzzed,
         kills=kills,
+        edits=edits,
+        faults=faults,
         machine=machine(),
         rclpy=version("ros-rclpy"),
         goals=goal_table(goals(loaded, fuzzed, kills, plan)),

@@ -41,6 +41,8 @@ STATED = ("oil_temperature", "pressure", "efficiency_std", "session")
 """Columns that a campaign may lack."""
 _CLOSE = 1e-3
 """Difference of probabilities that rounding of the messages explains."""
+_DIGITS = 10
+"""Digits of a number in a bench file; the node's log keeps 14."""
 _PATIENCE = 600.0
 """Time for a node on a busy machine [s]."""
 
@@ -71,7 +73,7 @@ def draw(rng: Generator) -> hmcvt.BenchSamples:
     extra = {}
     if "session" in stated:
         extra["session"] = tuple(str(2 * i // SAMPLES) for i in range(SAMPLES))
-    return replace(
+    drawn = replace(
         samples,
         efficiency=read["efficiency"] + rng.normal(0.0, NOISE, SAMPLES),
         output_speed=read["output_speed"],
@@ -79,6 +81,12 @@ def draw(rng: Generator) -> hmcvt.BenchSamples:
         extra=extra,
         **{name: columns[name] for name in stated if name in columns},
     )
+    written = {
+        name: np.array([float(f"{value:.{_DIGITS}g}") for value in column])
+        for name, column in drawn.columns.items()
+        if column is not None
+    }
+    return replace(drawn, **written)
 
 
 def message_of(samples: hmcvt.BenchSamples, i: int) -> JointState:

@@ -304,7 +304,7 @@ def start_anywhere(
     """Start a node with parameters, in a namespace of its own, and wait until it answers.
 
     `launcher` are the words of a command that goes before that of the node, `arguments` further
-    ROS arguments.
+    ROS arguments; a node that is not `boosted` has to get along with a busy machine itself.
     """
     started = ExitStack()
     boost = Boost()
@@ -315,6 +315,7 @@ def start_anywhere(
         state: Path | None = None,
         launcher: tuple[str, ...] = (),
         arguments: tuple[str, ...] = (),
+        boosted: bool = True,
         **parameters: Any,
     ) -> NodeUnderTest:
         folder = tmp_path_factory.mktemp("node")
@@ -340,7 +341,8 @@ def start_anywhere(
             )
         node = NodeUnderTest(process, folder / "log", state, namespace, connect)
         started.callback(node.kill)
-        boost.add(process.pid)
+        if boosted:
+            boost.add(process.pid)
         up = node.player.wait_for_node(
             START_LIMIT, running=lambda: process.poll() is None
         )

@@ -2,6 +2,7 @@
 """The node within a program of somebody else: it touches nothing that is not its own."""
 
 import multiprocessing
+import os
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
@@ -101,6 +102,18 @@ def test_executor_that_does_not_serve_the_node_is_refused_by_name(host, tmp_path
     single.spin_once(timeout_sec=5.0)
     executor.shutdown()
     single.shutdown()
+
+
+def test_fork_of_the_program_does_not_end_the_worker(host, tmp_path):
+    _, make = host
+    node = make("own", state_folder=str(tmp_path))
+    worker = node._service_handlers._worker
+    job = worker.submit(wait_long, 1024, seconds=900)
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if node.close() else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert worker.exit_status is None and not job.done()
 
 
 def test_two_nodes_serve_in_one_program(host, tmp_path):

@@ -14,7 +14,7 @@ TRIALS = {
     "random": ("--trials", "3", "--no-lines", "--seed", "1"),
     "lines": ("--trials", "0", "--lines"),
 }
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(500)]
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def tables(environment):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=110,
+            timeout=230,
         )
         assert done.returncode == 0, done.stdout
         lines = [

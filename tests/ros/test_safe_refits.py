@@ -3,7 +3,11 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 import timeit
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -236,6 +240,20 @@ def test_stopped_worker_is_noticed_and_ended(node, many):
     assert told(node, "the worker process was stopped by a signal, and has been ended")
     assert not alive(worker)
     assert ends(node, reply, "was stopped by a signal")
+
+
+def test_refit_ends_beside_busy_processors(start_node, paper_file, table2):
+    node = start_node(paper_file, boosted=False)
+    send_table(node, table2)
+    with ExitStack() as busy:
+        for _ in range(os.cpu_count()):
+            other = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            busy.callback(other.wait)
+            busy.callback(other.kill)
+        start = time.monotonic()
+        reply = node.player.call("reidentify", timeout=90.0)
+    assert reply.success and time.monotonic() - start < 60.0, reply
+    assert "begun again with a share" in node.log
 
 
 def test_job_that_needs_too_much_memory_is_ended():

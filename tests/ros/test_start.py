@@ -1,14 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Ordinary mistakes at the start: one line and exit code 2, or a warning that stays."""
 
+import os
 import shutil
+import signal
 import subprocess
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 from ros_bench import GOOD, Shim, command, send_table
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.public_text import PublicText
@@ -29,6 +33,12 @@ REFUSED = {
         {},
         "displacement_ratio is the name of 2 topics",
     ),
+    "two services in one": (
+        ["-r", "~/reidentify:=job", "-r", "~/cancel:=job"],
+        {},
+        "job is the name of 2 services",
+    ),
+    "middleware": ([], {"RMW_IMPLEMENTATION": "rmw_none"}, "rmw_none"),
     "two inputs in one": (
         ["-r", "load_torque:=engine_speed"],
         {},
@@ -47,6 +57,7 @@ REFUSED = {
     ),
     "sim time": (["-p", "use_sim_time:=yes_please"], {}, "use_sim_time"),
     "domain": ([], {"ROS_DOMAIN_ID": "300"}, "ROS_DOMAIN_ID = 300; allowed 0 to 232"),
+    "negative domain": ([], {"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = -1; allowed"),
     "locale": (["-p", "model_file:=/tmp/Größe.yaml"], C_LOCALE, "LC_ALL=C.UTF-8"),
     "nobody's home": (
         ["-p", "model_file:=~no_such_user/x.yaml"],
@@ -147,6 +158,40 @@ def test_two_publishers_of_the_clock_are_told(sim_node):
     ), sim_node.status("inputs")
     for clock in clocks:
         sim_node.player.destroy_publisher(clock)
+
+
+def test_second_publishers_and_nodes_of_the_same_name_are_told(start_node, paper_file):
+    node = start_node(paper_file)
+    own = [
+        node.player.create_publisher(Float64, topic, 1)
+        for topic in ("engine_speed", "efficiency")
+    ]
+    same_name = Node("hmcvt", context=node.player.context, namespace=node.namespace)
+    words = ("engine_speed: 2 publishers", "efficiency: 2 publishers", "another node")
+    assert node.reports(DiagnosticStatus.WARN, *words, part="inputs", send=GOOD)
+    same_name.destroy_node()
+    for publisher in own:
+        node.player.destroy_publisher(publisher)
+    assert node.reports(DiagnosticStatus.OK, part="inputs", send=GOOD, timeout=20.0)
+
+
+@pytest.mark.parametrize("name", ["model_file", "engine_file", "vehicle_file"])
+def test_pipe_in_place_of_a_file_is_refused(environment, tmp_path, name):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    ended = subprocess.run(
+        command(f"state_folder:={tmp_path / 'state'}", f"{name}:={tmp_path}/pipe.yaml"),
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].endswith("pipe.yaml: is no regular file")
+
+
+def test_terminal_that_is_closed_ends_it_in_order(start_node, paper_file):
+    assert start_node(paper_file).stop(signal.SIGHUP) == 0
 
 
 def test_home_folder_in_a_parameter(environment, tmp_path, start_node, monkeypatch):

@@ -78,7 +78,7 @@ def _plug_ins() -> tuple[str, ...]:
     for entry in entry_points(group=GROUP):
         try:
             entry.load()
-        except Exception as error:  # whatever somebody else's module may raise
+        except (Exception, SystemExit) as error:  # whatever another's module may raise
             complaints.append(f"{entry.value} ({type(error).__name__}: {error})")
     return tuple(complaints)
 
@@ -124,7 +124,10 @@ def import_source(source: str) -> Any:
         if source.endswith(".py"):
             return _import_file(Path(source).resolve())
         return importlib.import_module(source)
-    except Exception as error:  # whatever somebody else's module may raise
+    except (
+        Exception,
+        SystemExit,
+    ) as error:  # whatever somebody else's module may raise
         raise InputError(
             f"{source}: cannot be loaded: {type(error).__name__}: {error}"
         ) from error
