@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -22,7 +22,7 @@ from ..diagnosis.system import Array, Channel, System
 from ..errors import InputError
 from ..files.table import read_plain
 from ..physics.effects import import_source
-from ..physics.effects.base import EffectParameter
+from ..physics.effects.base import Parametrised
 
 _MEMBERS = (
     "axes",
@@ -41,7 +41,7 @@ DEVIATION = "_std"
 
 
 @dataclass(frozen=True)
-class SystemEffect:
+class SystemEffect(Parametrised):
     """Base of the effects of an own system.
 
     Fields declared with `hmcvt.size` and `hmcvt.shape` are the parameters of an effect; the first
@@ -63,31 +63,6 @@ class SystemEffect:
     summary: ClassVar[str] = ""
     source: ClassVar[str] = ""
     remedy: ClassVar[str] = ""
-
-    @classmethod
-    def parameters(cls) -> tuple[EffectParameter, ...]:
-        """Return the declared parameters."""
-        return tuple(
-            EffectParameter(item.name, **item.metadata)
-            for item in fields(cls)
-            if item.metadata
-        )
-
-    @classmethod
-    def sizes(cls) -> tuple[EffectParameter, ...]:
-        """Return the parameters whose zero switches the effect off."""
-        return tuple(parameter for parameter in cls.parameters() if parameter.is_size)
-
-    def values(self) -> dict[str, float]:
-        """Return parameter values by name."""
-        return {
-            parameter.name: float(getattr(self, parameter.name))
-            for parameter in self.parameters()
-        }
-
-    def with_values(self, values: Mapping[str, float]) -> SystemEffect:
-        """Return a copy with other parameter values."""
-        return replace(self, **values)
 
 
 @dataclass(frozen=True, eq=False)

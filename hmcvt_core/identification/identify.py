@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IdentificationError, InputError
 from ..files import data_path
@@ -17,7 +16,6 @@ from ..model.domain import Domain
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import load_stage
 from ..model.part_checks import require_effects, require_stages
-from ..model.plausibility import gear_train_remarks
 from ..model.staged_samples import by_stage
 from ..physics.effects.base import Effect
 from ..physics.formulation import POWER_BALANCE, PUBLISHED
@@ -33,16 +31,15 @@ from ..transmission.stage import Stage
 from . import annealing
 from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
+from .campaign import Campaign, origin
 from .cross_validation import folds
-from .misfit import FEWEST, misfit_remarks, missed_alike, with_misfit
+from .misfit import FEWEST, misfit_remarks, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
 from .precision import degrees_of_freedom, precision
 from .problem import Problem
-from .provenance import origin
 from .remarks import unchecked, undetermined
 from .result import Identification
 from .robust import thinned, thinned_rows
-from .set_aside import Agreement, agreement
 
 SCHEDULES: Mapping[str, Schedule] = {
     # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
@@ -108,50 +105,47 @@ def identify(
     if noise is not None:
         samples = _with_noise(samples, noise)
     model = _model_to_fit(stage, formulation, gear_efficiency, effects, samples)
-    given = samples
-    remarks = gear_train_remarks(model, given)
-    agreeing = _agreement(model, given, seed)
-    aside = np.flatnonzero(~agreeing.belongs)
-    samples = given.select(agreeing.belongs) if len(aside) else given
-    parts = by_stage(model, samples)
-    problem = Problem(model, samples)
+    # The consensus and the folds are the same wherever the annealing begins.
+    fixed_seed = 0 if seed is None else seed
+    campaign = Campaign.checked(model, samples, fixed_seed)
+    problem = campaign.fitted
     search = _annealed(problem, schedule, seed, progress)
     scaled, value = problem.finish(search.run.ends[:_FINISHED])
     if not np.isfinite(value):
-        reasons = "; ".join([*remarks, "check stage, units and load torque"])
+        reasons = [*campaign.contradictions, "check stage, units and load torque"]
         raise IdentificationError(
             f"{samples.source}: no parameters within the bounds give an efficiency at every "
-            f"sample: {reasons}"
+            f"sample: {'; '.join(reasons)}"
         )
     model = _fitted_model(problem, scaled)
     # A refit of the paper's formulas takes seconds, and nothing serves them.
-    if formulation != PUBLISHED.name and len(samples) >= FEWEST:
-        everything = replace(problem, samples=given)
-        model = _with_misfit(model, everything, agreeing.belongs, scaled, seed)
+    if formulation != PUBLISHED.name and len(problem.samples) >= FEWEST:
+        model = _with_misfit(model, campaign, scaled, fixed_seed)
     predicted = problem.predict(scaled)
-    fit_error = mean_error(predicted, samples.efficiency)
-    remarks += agreeing.remarks
-    if len(aside):
-        remarks.append(_fit_with_all(replace(problem, samples=given), scaled))
-    remarks += undetermined(samples, model)
+    fit_error = mean_error(predicted, problem.samples.efficiency)
+    remarks = [*campaign.contradictions, *campaign.rejections]
+    rejected = campaign.rejected
+    if len(rejected):
+        remarks.append(_fit_with_all(campaign.everything, scaled))
+    remarks += undetermined(problem.samples, model)
     remarks += misfit_remarks(model)
     provenance: dict[str, Any] = {
-        **origin("identify", given, seed),
+        **origin("identify", samples, seed),
         **model.provenance,
         "objective": problem.criterion.name,
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
     }
-    if len(aside):
-        provenance["set_aside"] = len(aside)
+    if len(rejected):
+        provenance["set_aside"] = len(rejected)
     if holdout is not None:
-        errors, notes = _predicted_holdout(model, scaled, holdout, samples)
+        errors, notes = _predicted_holdout(model, scaled, holdout)
         provenance.update(errors)
         remarks += notes
     return Identification(
         model=replace(model, provenance=provenance),
-        samples=samples,
-        residuals=predicted - samples.efficiency,
+        samples=problem.samples,
+        residuals=predicted - problem.samples.efficiency,
         fit_error=fit_error,
         prediction_error=provenance.get("prediction_error"),
         objective=value,
@@ -163,8 +157,9 @@ def identify(
         seed=seed,
         warnings=tuple(remarks),
         roots=search.roots,
-        alone=_errors_by_stage(problem, scaled, parts),
-        set_aside=tuple((aside + 1).tolist()),
+        alone=_errors_by_stage(problem, scaled),
+        set_aside=tuple((rejected + 1).tolist()),
+        contradictions=campaign.contradictions,
     )
 
 
@@ -172,16 +167,6 @@ def _with_noise(samples: BenchSamples, noise: float) -> BenchSamples:
     """Return samples whose efficiency has one standard deviation [-]."""
     deviation = float(EFFICIENCY_STD.check(noise, "noise"))
     return replace(samples, efficiency_std=np.full(len(samples), deviation))
-
-
-def _agreement(
-    model: EfficiencyModel, samples: BenchSamples, seed: int | None
-) -> Agreement:
-    """Return which samples agree; of the paper's formulas all count, as in the paper."""
-    if model.formulation == PUBLISHED.name:
-        everything = np.ones(len(samples), dtype=bool)
-        return Agreement(everything, samples.efficiency)
-    return agreement(model, samples, 0 if seed is None else seed)
 
 
 def _fit_with_all(problem: Problem, scaled: Array) -> str:
@@ -276,40 +261,32 @@ def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
 
 
 def _with_misfit(
-    model: EfficiencyModel,
-    problem: Problem,
-    belongs: NDArray[np.bool_],
-    scaled: Array,
-    seed: int | None,
+    model: EfficiencyModel, campaign: Campaign, scaled: Array, seed: int
 ) -> EfficiencyModel:
-    """Return a fitted model with its misfit, from refits that each leave out a fold.
+    """Return a fitted model with its form error, from refits that each leave out a fold.
 
     Args:
         model: fitted to the samples that belong.
-        problem: of all samples.
-        belongs: which samples are not set aside, shape (n,).
+        campaign: all samples.
         scaled: the best point, shape (3,).
         seed: of the folds.
     """
-    rows = thinned_rows(problem.samples)
-    samples = problem.samples.select(rows)
-    belongs = belongs[rows]
+    rows = thinned_rows(campaign.samples)
+    samples = campaign.samples.select(rows)
+    belongs = campaign.belongs[rows]
     fold = np.full(len(samples), -1)
-    fold[belongs] = folds(samples.select(belongs), 0 if seed is None else seed)
+    fold[belongs] = folds(samples.select(belongs), seed)
     others = []
     for part in range(fold.max() + 1):
-        fitted = belongs & (fold != part)
-        rest = replace(problem, samples=samples.select(fitted))
+        rest = Problem(campaign.model, samples.select(belongs & (fold != part)))
         refitted, _ = rest.finish(scaled[None, :])
         others.append(_fitted_model(rest, refitted))
-    counted = belongs | missed_alike(model, samples, belongs)
-    return with_misfit(model, samples.select(counted), fold[counted], others)
+    return with_misfit(model, samples, belongs, fold, others)
 
 
-def _errors_by_stage(
-    problem: Problem, scaled: Array, parts: Mapping[str, BenchSamples]
-) -> dict[str, dict[str, float]]:
+def _errors_by_stage(problem: Problem, scaled: Array) -> dict[str, dict[str, float]]:
     """Standard errors that the samples of each stage would give by themselves."""
+    parts = by_stage(problem.model, problem.samples)
     if len(parts) == 1:
         return {}
     errors = {}
@@ -320,7 +297,7 @@ def _errors_by_stage(
 
 
 def _predicted_holdout(
-    model: EfficiencyModel, scaled: Array, holdout: BenchSamples, fitted: BenchSamples
+    model: EfficiencyModel, scaled: Array, holdout: BenchSamples
 ) -> tuple[dict[str, Any], list[str]]:
     """Predict samples held back: entries of the provenance, and sentences."""
     predicted = Problem(model, holdout).predict(scaled)
@@ -332,4 +309,4 @@ def _predicted_holdout(
     unanswered = int(np.isnan(predicted).sum())
     if unanswered:
         entries["validation_without_answer"] = unanswered
-    return entries, list(unchecked(model, holdout, unanswered, fitted))
+    return entries, list(unchecked(model, holdout, unanswered))

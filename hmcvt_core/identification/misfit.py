@@ -120,6 +120,7 @@ def missed_alike(
 def with_misfit(
     model: EfficiencyModel,
     samples: BenchSamples,
+    belongs: NDArray[np.bool_],
     fold: NDArray[np.intp],
     others: Sequence[EfficiencyModel],
 ) -> EfficiencyModel:
@@ -128,12 +129,16 @@ def with_misfit(
     Where the noise is not known, the misfit holds it: it is then the error of a further reading.
 
     Args:
-        model: fitted to all samples of a fold.
+        model: fitted to the samples that belong.
         samples: n of them.
-        fold: of each sample, shape (n,), see `cross_validation.folds`; -1 for one that is set
-            aside, which `model` itself predicts.
+        belongs: which of them are not rejected, shape (n,).
+        fold: of each sample, shape (n,), see `cross_validation.folds`; -1 for one that is rejected,
+            which `model` itself predicts.
         others: for each fold, the refit to the samples outside it.
     """
+    counted = belongs | missed_alike(model, samples, belongs)
+    samples = samples.select(counted)
+    fold = fold[counted]
     if len(samples) < FEWEST:
         return model
     errors = np.empty(len(samples))

@@ -31,6 +31,7 @@ from ..model.model import EfficiencyModel
 from ..model.plausibility import gear_train_remarks
 from ..transmission.parameters import PARAMETER_NAMES
 from ..transmission.ranges import Array, OperatingPoints
+from .campaign import MAX_SET_ASIDE, origin, set_aside_remarks
 from .cross_validation import (
     FEWEST,
     FOLDS,
@@ -38,11 +39,9 @@ from .cross_validation import (
     cross_validate,
     folds,
 )
-from .misfit import misfit_remarks, missed_alike, with_misfit
-from .provenance import origin
+from .misfit import misfit_remarks, with_misfit
 from .remarks import undetermined
 from .robust import MEDIAN_TO_DEVIATION, RobustProblem
-from .set_aside import MAX_SET_ASIDE, set_aside_remarks
 from .update import Update
 
 __all__ = ["FOLDS", "MAX_DRIFT", "Refit", "cross_validate", "folds", "refit"]
@@ -285,7 +284,9 @@ def refit(
     update = Update.of(used, fit)
     fold = folds(used.samples, seed)
     others = _refits_without_each_fold(used, fold, update)
-    model = _with_misfit(update.applied(used), samples, belongs, fold, others)
+    all_folds = np.full(len(samples), -1)
+    all_folds[belongs] = fold
+    model = with_misfit(update.applied(used), samples, belongs, all_folds, others)
     held_back = None
     if others:
         held_back = cross_validate(used.samples, model, served, fold, others)
@@ -360,28 +361,6 @@ def _kept_provenance(model: EfficiencyModel) -> dict[str, Any]:
         for name in ("units", "misfit_noise")
         if name in model.provenance
     }
-
-
-def _with_misfit(
-    model: EfficiencyModel,
-    samples: BenchSamples,
-    belongs: NDArray[np.bool_],
-    fold: NDArray[np.intp],
-    others: list[EfficiencyModel],
-) -> EfficiencyModel:
-    """Return the refit with its misfit.
-
-    Args:
-        model: the refit to the samples that belong.
-        samples: n of them.
-        belongs: which of them are not set aside, shape (n,).
-        fold: of those that belong.
-        others: for each fold, the refit without it.
-    """
-    all_folds = np.full(len(samples), -1)
-    all_folds[belongs] = fold
-    counted = belongs | missed_alike(model, samples, belongs)
-    return with_misfit(model, samples.select(counted), all_folds[counted], others)
 
 
 # --- objections to a refit ------------------------------------------------------------------------

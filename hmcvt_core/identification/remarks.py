@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..files.bench import BenchSamples
-from ..model.domain import Domain
+from ..model.domain import AXES
 from ..model.model import EfficiencyModel
 from ..physics.formulation import FORMULATIONS
 from ..transmission.parameters import (
@@ -33,10 +33,10 @@ def undetermined(samples: BenchSamples, model: EfficiencyModel) -> Iterator[str]
 
 
 def _too_few(samples: BenchSamples) -> Iterator[str]:
-    columns = [values.tolist() for values in samples.columns.values()]
-    # The operating point is the first three of the columns.
-    points = len(set(zip(*columns[:3], strict=True)))
-    rows = len(set(zip(*columns, *samples.extra.values(), strict=True)))
+    columns = {name: values.tolist() for name, values in samples.columns.items()}
+    axes = [columns[axis] for axis in AXES]
+    points = len(set(zip(*axes, strict=True)))
+    rows = len(set(zip(*columns.values(), *samples.extra.values(), strict=True)))
     count = len(samples)
     if rows < count:
         yield (
@@ -92,18 +92,14 @@ def _tied(model: EfficiencyModel) -> Iterator[str]:
 
 
 def unchecked(
-    model: EfficiencyModel,
-    held_back: BenchSamples,
-    unanswered: int,
-    fitted: BenchSamples,
+    model: EfficiencyModel, held_back: BenchSamples, unanswered: int
 ) -> Iterator[str]:
     """Yield what samples held back do not check.
 
     Args:
-        model: fitted to `fitted`.
+        model: with the domain of the samples that it was fitted to.
         held_back: samples that it has not seen.
         unanswered: number of them at which the model has no answer.
-        fitted: samples that it was fitted to.
     """
     count = len(held_back)
     if unanswered:
@@ -112,7 +108,9 @@ def unchecked(
             f"the model has no answer at {unanswered} of {count} samples held back, which "
             f"the error of the prediction leaves out: {reason}"
         )
-    inside = Domain.of(fitted).contains(*held_back.points[:3])
+    if model.domain is None:
+        return
+    inside = model.domain.contains(*held_back.points[:3])
     outside = int((~inside).sum())
     if 2 * outside > count:
         yield (

@@ -13,7 +13,6 @@ from ..files.bench import BenchSamples
 from ..model.intervals import half_width
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
-from ..model.plausibility import gear_train_remarks
 from ..transmission.parameters import HydraulicParameters
 from ..transmission.ranges import Array
 from ..transmission.stage import CM3_PER_REV
@@ -44,6 +43,7 @@ class Identification:
         alone: standard errors that the samples of each stage would give by themselves, by stage
             and parameter; empty where all are of one.
         set_aside: samples that disagree with the rest, from 1 in the order given.
+        contradictions: the first of `warnings`, on stages whose readings do not fit the gear train.
     """
 
     model: EfficiencyModel
@@ -62,6 +62,7 @@ class Identification:
     roots: tuple[HydraulicRoots, ...] = ()
     alone: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     set_aside: tuple[int, ...] = ()
+    contradictions: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> HydraulicParameters:
@@ -150,7 +151,7 @@ class Identification:
             numbers: of the samples given, in their file; 1, 2, ... when left out.
         """
         # What questions the gear train questions all that follows.
-        first = gear_train_remarks(self.model, self.samples)
+        first = self.contradictions
         notes = [f"  note: {sentence}" for sentence in self.warnings[len(first) :]]
         return "\n".join(
             [*first, *self._result_lines(), *self._sample_lines(numbers), *notes]

@@ -21,7 +21,7 @@ from ..files.bench import BenchSamples
 from ..transmission.ranges import Array
 from ..transmission.stage import speed_ratio
 from .model import EfficiencyModel
-from .staged_samples import stage_of_each
+from .staged_samples import rows_by_stage
 
 CLEAR_RATIO = 0.2
 """Speed ratio from which its sense is clear, relative to the largest of the stage [-].
@@ -86,7 +86,7 @@ def signs_by_stage(
     if samples.pressure is not None and model.formulation == BALANCE:
         expected = _expected(model, samples, "pressure")
     signs = []
-    for name, rows in _rows_by_stage(model, samples).items():
+    for name, rows in rows_by_stage(model, samples).items():
         signs.append(
             StageSigns(
                 name,
@@ -143,7 +143,7 @@ def with_corrected_signs(
         InputError: as `stage_of_each`.
     """
     signs = signs_by_stage(model, samples)
-    rows_of = _rows_by_stage(model, samples)
+    rows_of = rows_by_stage(model, samples)
     columns = dict(samples.columns)
     for item in signs:
         rows = rows_of[item.stage]
@@ -158,16 +158,6 @@ def with_corrected_signs(
             pressure = columns["pressure"]
             columns["pressure"] = np.where(rows, -pressure, pressure)
     return replace(samples, **columns), signs
-
-
-def _rows_by_stage(
-    model: EfficiencyModel, samples: BenchSamples
-) -> dict[str, NDArray[np.bool_]]:
-    """Return a mask of the samples of each stage that occurs."""
-    names = stage_of_each(model.stages, samples)
-    if names is None:
-        return {model.stage.name: np.ones(len(samples), dtype=bool)}
-    return {name: names == name for name in dict.fromkeys(names.tolist())}
 
 
 def _expected(model: EfficiencyModel, samples: BenchSamples, channel: str) -> Array:

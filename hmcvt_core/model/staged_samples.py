@@ -38,11 +38,19 @@ def stage_of_each(
     return np.asarray(names)
 
 
-def by_stage(model: EfficiencyModel, samples: BenchSamples) -> dict[str, BenchSamples]:
-    """Return the samples of each stage that occurs; errors as of `stage_of_each`."""
+def rows_by_stage(
+    model: EfficiencyModel, samples: BenchSamples
+) -> dict[str, NDArray[np.bool_]]:
+    """Return which samples are of each stage that occurs; errors as of `stage_of_each`."""
     names = stage_of_each(model.stages, samples)
     if names is None:
-        return {model.stage.name: samples}
+        return {model.stage.name: np.ones(len(samples), dtype=bool)}
+    return {name: names == name for name in dict.fromkeys(names.tolist())}
+
+
+def by_stage(model: EfficiencyModel, samples: BenchSamples) -> dict[str, BenchSamples]:
+    """Return the samples of each stage that occurs; errors as of `stage_of_each`."""
     return {
-        name: samples.select(names == name) for name in dict.fromkeys(names.tolist())
+        name: samples if rows.all() else samples.select(rows)
+        for name, rows in rows_by_stage(model, samples).items()
     }

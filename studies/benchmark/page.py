@@ -40,7 +40,6 @@ def page(folder: Path, command: str, first_seed: int) -> str:
         for method, own in every.items()
     }
     first = scores[methods[0]]
-    plants = {plant: _of_plant(scores, plant) for plant in ("twin", "bench")}
     kinds = Counter((each.kind, each.case.split("-")[0]) for each in first)
     rows = [
         (kind.replace("_", " "), kinds[kind, "twin"], kinds[kind, "bench"])
@@ -63,10 +62,6 @@ def page(folder: Path, command: str, first_seed: int) -> str:
         failures=figures_table(scores, FAILURES),
         successes=figures_table(scores, SUCCESSES),
         beaten=beaten(scores),
-        plants={
-            plant: figures_table(own, [*FAILURES, *SUCCESSES[:6]])
-            for plant, own in plants.items()
-        },
     )
 
 

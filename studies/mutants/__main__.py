@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from studies.page import render
+from studies.page import render, table
 from studies.workers import Record, recorded
 
 from .harness import KILLED, NO_EFFECT, ROOT, SURVIVED, Copies, in_copy, reaches, trial
@@ -111,6 +111,10 @@ def report(records: Sequence[Record], what: str) -> str:
         )
         for outcome in (KILLED, SURVIVED, NO_EFFECT)
     }
+    files = Counter(
+        f"`{str(record['diff']).splitlines()[0].removeprefix('--- ')}`"
+        for record in kinds[SURVIVED]
+    )
     return render(
         "report.md.j2",
         Path(__file__).parent,
@@ -118,6 +122,7 @@ def report(records: Sequence[Record], what: str) -> str:
         share=share(records),
         goal=GOAL,
         kinds=kinds,
+        survived=table(("file", "survived"), sorted(files.items())),
     )
 
 

@@ -76,7 +76,6 @@ def written(runs: Sequence[Run], band_runs: Sequence[BandRun]) -> str:
         Path(__file__).parent,
         goals=goal_table([*_rig_goals(runs), *_band_goals(band_runs)]),
         wrong=_run_table([run for run in runs if not run.right]),
-        right=_run_table([run for run in runs if run.right]),
         bands=_band_table(band_runs),
         halves=HALVES,
     )

@@ -109,8 +109,6 @@ def text(
         rclpy=version("ros-rclpy"),
         goals=goal_table(goals(loaded, fuzzed, kills, plan)),
         times=_time_table(loaded),
-        counts=_count_table(loaded),
-        rates=_rate_table(both),
         ceilings=table(
             ("", "every arrival answered up to", "99 % answered up to"),
             [
@@ -171,66 +169,6 @@ def _time_table(loaded: Loaded) -> str:
     )
 
 
-def _count_table(loaded: Loaded) -> str:
-    rows = []
-    for name, turns in (("steady", loaded.steady), ("during refits", loaded.refitting)):
-        parts = [
-            (
-                turn.node.sent,
-                turn.node.accepted,
-                turn.node.answered,
-                turn.node.answers,
-                turn.node.optima,
-                turn.node.right,
-                turn.node.repeats,
-            )
-            for turn in turns
-        ]
-        rows.append([name, *(str(sum(counts)) for counts in zip(*parts, strict=True))])
-    return table(
-        (
-            "",
-            "sent",
-            "heard",
-            "answered",
-            "`efficiency`",
-            "`optimal_displacement_ratio`",
-            "right",
-            "repeated",
-        ),
-        rows,
-    )
-
-
-def _rate_table(both: Sequence[tuple[str, Sequence[Segment]]]) -> str:
-    return table(
-        (
-            "",
-            "Hz on each input",
-            "reached",
-            "sent",
-            "answered",
-            "processor",
-            "generator",
-            "others",
-        ),
-        [
-            [
-                name,
-                f"{part.rate:.0f}",
-                f"{part.sent / part.seconds / TOPICS:.0f}",
-                part.sent,
-                _share(part.answers, part.sent),
-                f"{part.cpu:.2f}",
-                f"{part.generator_cpu:.2f}",
-                f"{part.other_cpu:.2f}",
-            ]
-            for name, segments in both
-            for part in segments
-        ],
-    )
-
-
 # --- helpers --------------------------------------------------------------------------------------
 
 
@@ -266,10 +204,6 @@ def _arrival_goals(when: str, turns: Sequence[Turn]) -> list[Goal]:
             right == heard,
         ),
     ]
-
-
-def _share(part: int, whole: int) -> str:
-    return "all" if part == whole else f"{100 * part / whole:.2f} %"
 
 
 def latency(percentile: float, outputs: str = "optimum") -> Figure:

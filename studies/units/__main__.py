@@ -12,7 +12,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_tools.fleet.executors import Processes
 from studies.page import Goal, goal_table, render, table
 
-from .judge import BAND, judged, tried, units_in
+from .judge import judged, tried, units_in
 from .simulate import FORMS
 
 _PAIRS = (
@@ -69,22 +69,6 @@ def written(
         )
         for name, one in real.items()
         for whole in [one["whole"]]
-    ]
-    bands = [
-        (
-            name,
-            axis,
-            *_cells(
-                one[axis],
-                "{holdout_base:.2f}",
-                "{holdout_with_effects:.2f}",
-                "{removed:.0%}",
-            ),
-            _named(one[axis]["effects"]),
-            one[axis]["verdict"],
-        )
-        for name, one in real.items()
-        for axis in ("pressure", "speed")
     ]
     trials = []
     for names in kinds:
@@ -151,7 +135,6 @@ def written(
         Path(__file__).parent,
         how=how,
         goals=goal_table(goals),
-        band=100 * BAND,
         left=table(
             (
                 "unit",
@@ -165,21 +148,6 @@ def written(
                 "warning",
             ),
             left,
-        ),
-        bands=table(
-            (
-                "unit",
-                "held out",
-                "flow, paper's terms [L/min]",
-                "saved model",
-                "removed",
-                "torque, paper's terms [N m]",
-                "saved model",
-                "removed",
-                "leading set",
-                "verdict",
-            ),
-            bands,
         ),
         trials=table(("hidden", "units", "leads", "cause found", "else"), trials),
         led=", ".join(f"{_named([name])} {count}" for name, count in led.most_common()),

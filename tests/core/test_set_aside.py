@@ -8,7 +8,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.set_aside import agreement, set_aside_remarks
+from hmcvt_core.identification.campaign import Campaign, set_aside_remarks
 
 TRUTH = hmcvt.HydraulicParameters(1.5e-11, 0.11, 0.105)
 NOISE = 0.006
@@ -76,7 +76,7 @@ def test_honest_samples_of_small_campaigns_all_count(hm4, count):
     """At most one campaign of a hundred may lose an honest sample."""
     model = hmcvt.EfficiencyModel(hm4, TRUTH)
     for seed in range(12):
-        belongs = agreement(model, campaign(hm4, count, seed), seed).belongs
+        belongs = Campaign.checked(model, campaign(hm4, count, seed), seed).belongs
         assert belongs.all(), seed
 
 
@@ -86,7 +86,7 @@ def test_only_the_typo_is_set_aside(hm4, count):
     for seed in range(4):
         samples = campaign(hm4, count, seed)
         wrong = 0.6 * samples.efficiency[3]
-        belongs = agreement(model, with_reading(samples, 3, wrong), seed).belongs
+        belongs = Campaign.checked(model, with_reading(samples, 3, wrong), seed).belongs
         assert np.flatnonzero(~belongs).tolist() == [3], seed
 
 
@@ -116,9 +116,9 @@ def test_a_sample_close_to_stall_counts(seed):
     noise = 1.0 + 0.011 * rng.standard_normal(20)
     measured = model.efficiency(stroke, speed, torque) * noise
     samples = hmcvt.BenchSamples(stroke, speed, torque, measured)
-    assert agreement(model, samples, 0).belongs.all()
+    assert Campaign.checked(model, samples, 0).belongs.all()
     typo = with_reading(samples, 9, 0.5 * measured[9])
-    belongs = agreement(model, typo, 0).belongs
+    belongs = Campaign.checked(model, typo, 0).belongs
     assert np.flatnonzero(~belongs).tolist() == [9]
 
 

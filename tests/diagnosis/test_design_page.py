@@ -1,34 +1,33 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The pages on the design and the settings of the diagnosis, against the code."""
+"""The page on the design of the diagnosis, and its settings, against the code."""
 
+import ast
+import itertools
 import re
-import sys
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "design-diagnosis.md"
-SETTINGS = ROOT / "docs" / "settings.md"
 PACKAGE = ROOT / "hmcvt_core" / "diagnosis"
 
 
-@pytest.fixture
-def settings_table(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import settings_table
+def documented_settings():
+    """Return the docstring of each setting by its name."""
+    body = ast.parse((PACKAGE / "settings.py").read_text(encoding="utf-8")).body
+    pairs = itertools.pairwise(body)
+    return {
+        ast.unparse(setting.targets[0]): (
+            str(text.value.value) if isinstance(text, ast.Expr) else ""
+        )
+        for setting, text in pairs
+        if isinstance(setting, ast.Assign)
+    }
 
-    yield settings_table
-    sys.modules.pop("settings_table")
 
-
-def test_table_of_settings_is_current(settings_table):
-    text = SETTINGS.read_text(encoding="utf-8")
-    assert settings_table.page(text) == text, "run python docs/settings_table.py"
-
-
-def test_every_setting_has_a_meaning_and_a_source(settings_table):
-    for name, text in settings_table.documented_settings().items():
+def test_every_setting_has_a_meaning_and_a_source():
+    documented = documented_settings()
+    assert len(documented) > 50
+    for name, text in documented.items():
         meaning, _, source = text.partition("Source: ")
         assert meaning.strip() and source.strip(), name
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,8 +187,41 @@ def ramp(excess: Array, width: float) -> Array:
     return np.asarray(np.where(excess < width, rounded, excess))
 
 
+_Kind = TypeVar("_Kind", bound="Parametrised")
+
+
 @dataclass(frozen=True)
-class Effect:
+class Parametrised:
+    """Base of what has parameters that are declared with `size` and `shape`."""
+
+    @classmethod
+    def parameters(cls) -> tuple[EffectParameter, ...]:
+        """Return the declared parameters."""
+        return tuple(
+            EffectParameter(item.name, **item.metadata)
+            for item in fields(cls)
+            if item.metadata
+        )
+
+    @classmethod
+    def sizes(cls) -> tuple[EffectParameter, ...]:
+        """Return the parameters whose zero switches the effect off."""
+        return tuple(parameter for parameter in cls.parameters() if parameter.is_size)
+
+    def with_values(self: _Kind, values: Mapping[str, Any]) -> _Kind:
+        """Return a copy with other parameter values."""
+        return replace(self, **values)
+
+    def values(self) -> dict[str, float]:
+        """Return parameter values by name."""
+        return {
+            parameter.name: float(getattr(self, parameter.name))
+            for parameter in self.parameters()
+        }
+
+
+@dataclass(frozen=True)
+class Effect(Parametrised):
     """Base of all effects: every hook says "no change".
 
     Class attributes:
@@ -240,31 +273,6 @@ class Effect:
                     f"effect {self.name}: {parameter.name} = {value!r} "
                     "is not a finite number"
                 )
-
-    @classmethod
-    def parameters(cls) -> tuple[EffectParameter, ...]:
-        """Return the declared parameters."""
-        return tuple(
-            EffectParameter(item.name, **item.metadata)
-            for item in fields(cls)
-            if item.metadata
-        )
-
-    @classmethod
-    def sizes(cls) -> tuple[EffectParameter, ...]:
-        """Return the parameters whose zero switches the effect off."""
-        return tuple(parameter for parameter in cls.parameters() if parameter.is_size)
-
-    def with_values(self, values: Mapping[str, Any]) -> Effect:
-        """Return a copy with other parameter values."""
-        return replace(self, **values)
-
-    def values(self) -> dict[str, float]:
-        """Return parameter values by name."""
-        return {
-            parameter.name: float(getattr(self, parameter.name))
-            for parameter in self.parameters()
-        }
 
     @classmethod
     def acts_at(cls, *hooks: str) -> bool:

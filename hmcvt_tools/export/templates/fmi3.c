@@ -197,80 +197,33 @@ fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
 
 /* --- variables --------------------------------------------------------------------------------- */
 
-fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, fmi3Float64 values[], size_t nValues)
-{
-    size_t i;
-    if (nValues != nValueReferences) {
-        return unknown_reference(instance);
+/* Functions for a type that variables have; `access` reads or writes one of them. */
+#define VALUES_OF(kind, type, access)                                                            \
+    fmi3Status kind(fmi3Instance instance, const fmi3ValueReference valueReferences[],           \
+                    size_t nValueReferences, type values[], size_t nValues)                      \
+    {                                                                                            \
+        size_t i;                                                                                \
+        if (nValues != nValueReferences) {                                                       \
+            return unknown_reference(instance);                                                  \
+        }                                                                                        \
+        for (i = 0; i < nValueReferences; i++) {                                                 \
+            if (!(access)) {                                                                     \
+                return unknown_reference(instance);                                              \
+            }                                                                                    \
+        }                                                                                        \
+        return fmi3OK;                                                                           \
     }
-    for (i = 0; i < nValueReferences; i++) {
-        if (!hmcvt_unit_get_real(unit_of(instance), valueReferences[i], &values[i])) {
-            return unknown_reference(instance);
-        }
-    }
-    return fmi3OK;
-}
 
-fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, const fmi3Float64 values[], size_t nValues)
-{
-    size_t i;
-    if (nValues != nValueReferences) {
-        return unknown_reference(instance);
-    }
-    for (i = 0; i < nValueReferences; i++) {
-        if (!hmcvt_unit_set_real(unit_of(instance), valueReferences[i], values[i])) {
-            return unknown_reference(instance);
-        }
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, fmi3Int32 values[], size_t nValues)
-{
-    size_t i;
-    if (nValues != nValueReferences) {
-        return unknown_reference(instance);
-    }
-    for (i = 0; i < nValueReferences; i++) {
-        if (!hmcvt_unit_get_integer(unit_of(instance), valueReferences[i], &values[i])) {
-            return unknown_reference(instance);
-        }
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                        size_t nValueReferences, const fmi3Int32 values[], size_t nValues)
-{
-    size_t i;
-    if (nValues != nValueReferences) {
-        return unknown_reference(instance);
-    }
-    for (i = 0; i < nValueReferences; i++) {
-        if (!hmcvt_unit_set_integer(unit_of(instance), valueReferences[i], values[i])) {
-            return unknown_reference(instance);
-        }
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueReferences[],
-                          size_t nValueReferences, fmi3Boolean values[], size_t nValues)
-{
-    size_t i;
-    if (nValues != nValueReferences) {
-        return unknown_reference(instance);
-    }
-    for (i = 0; i < nValueReferences; i++) {
-        if (!hmcvt_unit_get_boolean(unit_of(instance), valueReferences[i], &values[i])) {
-            return unknown_reference(instance);
-        }
-    }
-    return fmi3OK;
-}
+VALUES_OF(fmi3GetFloat64, fmi3Float64,
+          hmcvt_unit_get_real(unit_of(instance), valueReferences[i], &values[i]))
+VALUES_OF(fmi3SetFloat64, const fmi3Float64,
+          hmcvt_unit_set_real(unit_of(instance), valueReferences[i], values[i]))
+VALUES_OF(fmi3GetInt32, fmi3Int32,
+          hmcvt_unit_get_integer(unit_of(instance), valueReferences[i], &values[i]))
+VALUES_OF(fmi3SetInt32, const fmi3Int32,
+          hmcvt_unit_set_integer(unit_of(instance), valueReferences[i], values[i]))
+VALUES_OF(fmi3GetBoolean, fmi3Boolean,
+          hmcvt_unit_get_boolean(unit_of(instance), valueReferences[i], &values[i]))
 
 /* Functions for a type that no variable has. */
 #define NO_VALUES_OF(kind, type)                                                                 \

@@ -22,10 +22,8 @@ def answer(case: Case) -> Answer:
     """Boost trees on the residual; cross-validation says how far to trust them."""
     problem = linear(case)
     tests, points = scaled_axes(case)
-    is_efficiency = problem.of_efficiency
-    noise = problem.deviation[is_efficiency]
-    base = case.model_at_tests.base[is_efficiency]
-    residual = np.nan_to_num(case.tests["efficiency"] - base)
+    noise = problem.efficiency_noise
+    residual = problem.efficiency_residual
     trees = GradientBoostingRegressor(
         n_estimators=TREES,
         max_depth=DEPTH,

@@ -20,10 +20,8 @@ def answer(case: Case) -> Answer:
     """Fit a Gaussian process with a length scale along each axis by its likelihood."""
     problem = linear(case)
     tests, points = scaled_axes(case)
-    is_efficiency = problem.of_efficiency
-    noise = problem.deviation[is_efficiency]
-    base = case.model_at_tests.base[is_efficiency]
-    residual = np.nan_to_num(case.tests["efficiency"] - base)
+    noise = problem.efficiency_noise
+    residual = problem.efficiency_residual
     kernel = ConstantKernel(0.01**2, (1e-8, 1e-1)) * RBF(
         np.full(tests.shape[1], 2.0), (0.3, 50.0)
     )

@@ -81,6 +81,17 @@ class Linear:
         """Which readings are efficiencies."""
         return self.case.model_at_tests.channel == "efficiency"
 
+    @property
+    def efficiency_noise(self) -> FloatArray:
+        """Standard deviation of each efficiency, shape (n,)."""
+        return self.deviation[self.of_efficiency]
+
+    @property
+    def efficiency_residual(self) -> FloatArray:
+        """Efficiency - base at each test, shape (n,); 0 where the base stalls."""
+        base = self.case.model_at_tests.base[self.of_efficiency]
+        return np.nan_to_num(self.case.tests["efficiency"] - base)
+
     @cached_property
     def _absorbed(self) -> FloatArray:
         prior = np.eye(self.nuisance.shape[1])
