@@ -3,9 +3,8 @@
 
 "Chosen on development campaigns" means simulated campaigns whose seeds the published blind trial
 does not use; `python -m studies.blind.sensitivity` halves and doubles any of these values, and
-`docs/design-diagnosis.md` says what that changes, and lists all of them. Parts are fractions;
-deviations are standard deviations of one reading; sizes are in typical sizes of an effect; log
-evidence is in nats.
+`docs/studies/sensitivity.md` says what that changes. Parts are fractions; deviations are standard
+deviations of one reading; sizes are in typical sizes of an effect; log evidence is in nats.
 """
 
 import math

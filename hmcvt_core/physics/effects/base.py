@@ -147,9 +147,8 @@ def shape(
     meaning: str,
     between: bool = True,
     limits: tuple[float, float] | None = None,
-    default: float | None = None,
 ) -> Any:
-    """Declare a parameter that bends the form.
+    """Declare a parameter that bends the form; `grid[len(grid) // 2]` is its default.
 
     With `between` the leading sets are refitted with it anywhere between its limits; not where all
     of the grid are whole numbers (int), which are a switch or an index.
@@ -160,9 +159,8 @@ def shape(
         meaning: for reports.
         between: whether a refit may leave the grid.
         limits: of a refit; the ends of the grid if None. Wider ones cost no further form.
-        default: value where a file states none; the middle one of the grid if None.
     """
-    typical = grid[len(grid) // 2] if default is None else default
+    typical = grid[len(grid) // 2]
     low, high = limits or (min(grid), max(grid))
     return field(
         default=typical,

@@ -115,10 +115,9 @@ class ReliefValve(Effect):
     """q = c (|dp| - p_crack) above p_crack, none below: a relief valve that opens too early.
 
     Each line of a closed circuit has one, so the flow has the sense of the pressure, also in
-    overrun. Where no test exceeds the cracking pressure, the effect is invisible. A pressure that
-    pulses (by some 10 % in piston pumps), or a worn seat, rounds the onset off within `width` on
-    either side. The widest, a quarter of 42 MPa, is the override of direct-acting valves (Merritt
-    1967, 5).
+    overrun. Where no test exceeds the cracking pressure, the effect is invisible. A worn seat, or a
+    pressure that pulses (by some 10 % in piston pumps), rounds the onset off within `width` on
+    either side.
     """
 
     name = "relief_valve"
@@ -138,11 +137,7 @@ class ReliefValve(Effect):
         "pressure at which the valve opens",
     )
     width: float = shape(
-        "MPa",
-        (0.5, 4.0),
-        "half width of the onset of its flow",
-        limits=(0.1, 10.0),
-        default=0.5,
+        "MPa", (0.5,), "half width of the onset of its flow", limits=(0.1, 3.0)
     )
 
     def leakage_flow(self, state: ShaftState) -> Value:
