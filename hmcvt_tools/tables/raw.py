@@ -47,6 +47,7 @@ from .recordings import (
     clock_of,
     cut,
     even_columns,
+    holds_dates_alone,
     is_recording,
     looks_recorded,
     powers,
@@ -276,6 +277,7 @@ def import_table(
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
     notes += _drop_empty(values, columns, table)
+    notes += _dates_note(values, columns)
     stated = dict(values)
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
@@ -316,6 +318,21 @@ def import_table(
         notes.append(note)
     samples = _bench(taken, extra, rows.kept, table)
     return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
+
+
+def _dates_note(
+    values: Mapping[str, Array], columns: Mapping[str, Column]
+) -> list[str]:
+    """Say that days count as sessions where the stamps are dates alone."""
+    stamps = values.get("stamp")
+    if stamps is None or not holds_dates_alone(stamps):
+        return []
+    days = len(np.unique(stamps[np.isfinite(stamps)]))
+    return [
+        f"column {columns['stamp'].name!r} holds dates without a time of day: each row is a test, "
+        f"and {'the day' if days == 1 else f'each of the {days} days'} counts as a session, "
+        "between which the meters may drift (--session names another column)"
+    ]
 
 
 class _SortedRows(NamedTuple):
