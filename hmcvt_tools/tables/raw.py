@@ -46,6 +46,7 @@ from .proposal import (
 from .recordings import (
     clock_of,
     cut,
+    days_of,
     even_columns,
     holds_dates_alone,
     is_recording,
@@ -277,7 +278,10 @@ def import_table(
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
     notes += _drop_empty(values, columns, table)
-    notes += _dates_note(values, columns)
+    if "stamp" in values and holds_dates_alone(values["stamp"]):
+        days = days_of(values["stamp"])
+        extra.setdefault("session", list(days))
+        notes.append(_dates_note(columns["stamp"].name, len(set(days) - {""})))
     stated = dict(values)
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
@@ -320,19 +324,13 @@ def import_table(
     return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
 
 
-def _dates_note(
-    values: Mapping[str, Array], columns: Mapping[str, Column]
-) -> list[str]:
+def _dates_note(column: str, days: int) -> str:
     """Say that days count as sessions where the stamps are dates alone."""
-    stamps = values.get("stamp")
-    if stamps is None or not holds_dates_alone(stamps):
-        return []
-    days = len(np.unique(stamps[np.isfinite(stamps)]))
-    return [
-        f"column {columns['stamp'].name!r} holds dates without a time of day: each row is a test, "
-        f"and {'the day' if days == 1 else f'each of the {days} days'} counts as a session, "
-        "between which the meters may drift (--session names another column)"
-    ]
+    counted = "the day counts" if days == 1 else f"each of the {days} days counts"
+    return (
+        f"column {column!r} holds dates without a time of day: each row is a test, and {counted} "
+        "as a session, between which the meters may drift (--session names another column)"
+    )
 
 
 class _SortedRows(NamedTuple):

@@ -140,6 +140,13 @@ def holds_dates_alone(stamp: Array) -> bool:
     return bool(len(known)) and bool(np.all((known >= _DAY) & (known % _DAY == 0.0)))
 
 
+def days_of(stamp: Array) -> tuple[str, ...]:
+    """Return the ISO date of each stamp [s], empty where none is known, shape (n,)."""
+    days = np.where(np.isfinite(stamp), stamp, 0.0).astype("datetime64[s]")
+    dates = np.datetime_as_string(days.astype("datetime64[D]"))
+    return tuple(np.where(np.isfinite(stamp), dates, "").tolist())
+
+
 def is_smooth(values: Mapping[str, Array]) -> bool:
     """Return whether all quantities barely change from row to row."""
     changes = []

@@ -47,6 +47,10 @@ def test_dates_alone_make_no_recording(hmcvt, table, tmp_path):
     assert done.code == 0, done.err
     assert len(read_bench(out)) == 60
     assert "each of the 3 days counts as a session" in done.out
+    days = {"2026-03-09", "2026-03-10", "2026-03-11"}
+    assert set(read_bench(out).extra["session"]) == days
+    done = hmcvt("import", table[0], "--out", out, "--yes", "--session", "Gang")
+    assert done.code == 2  # the column of the stages is used
 
 
 def test_speeds_are_checked_by_the_gears(hmcvt, table, tmp_path):

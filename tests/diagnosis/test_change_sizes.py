@@ -1,10 +1,11 @@
-"""The size of a change: from all channels, over all sets that hold it."""
+"""The size of a change over all sets that hold it, and the p-value of several channels."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from hmcvt_core.benches.baseline.control import _of_any
 from hmcvt_core.benches.baseline.sizes import posterior_size
 from hmcvt_core.physics.effects.hydraulic import OrificeLeakage
 from hmcvt_core.physics.effects.wear import LaminarLeakage
@@ -65,3 +66,11 @@ def test_sets_that_disagree_widen_the_interval():
 def test_no_size_of_an_effect_that_no_set_holds():
     alone = explanation((LaminarLeakage(),), [3.0], [[0.01]])
     assert posterior_size(diagnosis({(LEAKAGE,): (alone, 1.0)}), "churning") is None
+
+
+@pytest.mark.parametrize(
+    ("smallest", "count", "any_channel"),
+    [(0.0, 3, 0.0), (0.01, 3, 0.029701), (0.02, 1, 0.02), (1.0, 3, 1.0)],
+)
+def test_the_smallest_of_several_p_values_counts_for_less(smallest, count, any_channel):
+    assert _of_any(smallest, count) == pytest.approx(any_channel, abs=1e-9)
