@@ -2,14 +2,14 @@
 """Which change of a foreign gearbox is named a year after its commissioning.
 
     python -m studies.gearbox [--machines 30] [--tests 12] [--tests 24] [--tests 48] [--zero 0.3]
-        [--zero 1.5] [--seed 157] [--jobs 2] [--answers FILE]
+        [--zero 1.5] [--seed 257] [--jobs 2] [--answers FILE]
 
 Every machine of the type has its own leakage and dampings. It is measured when it is sound and a
 year later, on three days each, whose zeros of the torque meters are drawn anew. A worn machine
 leaks by 60 % more. The model is identified from the sound campaign. The whole takes hours: a file
 of answers is continued, and its table is printed at any time with `--machines 0`.
 
-Seeds from 157 on are kept for the figures of docs/baseline.md; develop with seeds from 9000 on.
+Seeds from 257 on are kept for the figures of docs/baseline.md; develop with seeds from 9000 on.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def recorded(path: Path | None) -> list[Answer]:
 @click.option("--machines", type=click.IntRange(0), default=30, show_default=True)
 @click.option("--tests", type=click.IntRange(4), multiple=True, default=(12, 24, 48))
 @click.option("--zero", "zeros", type=float, multiple=True, default=(0.3, 1.5))
-@click.option("--seed", type=click.IntRange(0), default=157, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=257, show_default=True)
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True)
 @click.option(
     "--answers",
