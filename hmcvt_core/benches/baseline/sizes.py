@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Size of a change, from all channels and from all sets that hold it.
 
-The model that is handed over fits the served channel first; its size may differ from that which all
+The model that is saved fits the served channel first; its size may differ from that which all
 channels show by more than their error. The size of a change is therefore that of the posterior.
 """
 
