@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from ..files.checks import require_seed
 from .analysis import Analysis, model_of, rms
 from .design.advice import Advice
 from .design.classes import find_classes
@@ -75,6 +76,7 @@ def diagnose_system(
         if progress is not None:
             progress(text)
 
+    require_seed(seed)
     base, preparation_notes, outliers = prepare(system, observed)
     boxes = candidate_regions(base.observed.coordinates)
     report_step("step 1 of 3, is there a gap")
@@ -197,6 +199,7 @@ def next_test(
     Raises:
         InputError: samples cannot carry a diagnosis.
     """
+    require_seed(seed)
     base, preparation_notes, _ = prepare(system, observed)
     if possible is None:
         possible = system.candidates(base.observed.points, base.base)

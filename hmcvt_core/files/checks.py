@@ -21,6 +21,13 @@ _FILE_KINDS = {
 _STATED_SCHEMA = re.compile(r"^schema: *['\"]?([\w/-]+)", re.MULTILINE)
 
 
+def require_seed(value: Any) -> None:
+    """Raise an `InputError` where an argument is not the seed of random numbers."""
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_whole or value < 0:
+        raise InputError(f"seed = {value!r} is not a whole number from 0 on")
+
+
 def kind_of_schema(schema: object) -> str | None:
     """Return what kind of file states a schema, None for an unknown one."""
     return _FILE_KINDS.get(str(schema).partition("/")[0])

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
+from ..files.checks import require_seed
 from ..model.accuracy import mean_error
 from ..model.checks import require_samples
 from ..model.domain import Domain
@@ -100,6 +101,8 @@ def identify(
             raise InputError("holdout and validation are one argument: give holdout")
         holdout = validation
     require_samples(samples)
+    if seed is not None:
+        require_seed(seed)
     if holdout is not None:
         require_samples(holdout, "holdout")
     if noise is not None:

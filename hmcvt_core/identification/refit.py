@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ..errors import IdentificationError
 from ..files.bench import BenchSamples
+from ..files.checks import require_seed
 from ..model.accuracy import carried_at, mean_error, relative_errors
 from ..model.checks import require_model, require_samples
 from ..model.domain import AXES, Domain
@@ -272,6 +273,7 @@ def refit(
     require_model(served, "served")
     require_model(base, "base")
     require_samples(samples)
+    require_seed(seed)
     problem = RobustProblem(served, samples)
     _require_points(problem)
     fit, belongs = problem.consensus(seed)

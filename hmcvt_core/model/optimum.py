@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..files import plain
+from ..files.checks import is_path, wrong_type
 from ..physics.balance import BalanceSolver
 from ..physics.regimes import Senses
 from ..transmission import ranges
@@ -158,8 +159,8 @@ def optimum(
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [
-        ranges.ENGINE_SPEED.check(engine_speed),
-        ranges.LOAD_TORQUE.check(load_torque),
+        _numbers(ranges.ENGINE_SPEED, engine_speed),
+        _numbers(ranges.LOAD_TORQUE, load_torque),
     ]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
@@ -172,10 +173,9 @@ def optimum(
             )
         best = partial(_at_output_speed, solver, (low, high))
         if output_speed is not None:
-            ranges.OUTPUT_SPEED.check(np.abs(output_speed))  # backward it is negative
-            given.append(np.asarray(output_speed, dtype=float))
+            given.append(_numbers(ranges.OUTPUT_SPEED, output_speed))
         elif displacement_ratio is not None:
-            stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
+            stroke = _numbers(ranges.DISPLACEMENT_RATIO, displacement_ratio)
             points = np.broadcast_arrays(stroke, *given)
             given.append(
                 OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1]
@@ -462,6 +462,7 @@ def drive_optimum(
         engine_speed_limits, "engine_speed_limits"
     ).tolist()
     if engine is not None:
+        _require_engine(engine)
         low, high = max(low, float(engine.speed[0])), min(high, float(engine.speed[-1]))
     if not low < high:
         raise InputError(
@@ -482,6 +483,19 @@ def drive_optimum(
         for name, solver in stages.items()
     }
     return _best(lines, low, high, stage, kept)
+
+
+def _require_engine(value: object) -> None:
+    if not isinstance(value, Engine):
+        hint = "read it by load_engine(path)" if is_path(value) else ""
+        raise wrong_type("engine", "an Engine", value, hint)
+
+
+def _numbers(limits: Range, value: ArrayLike) -> Array:
+    """Return values in range as an array; NumPy would read a text as its number."""
+    if np.asarray(value).dtype.kind in "USb":
+        raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
+    return limits.check(value)
 
 
 def _one_number(limits: Range, value: object) -> float:

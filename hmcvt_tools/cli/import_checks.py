@@ -6,16 +6,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import numpy as np
-
 from hmcvt_core.errors import InputError
 from hmcvt_core.model.model import typical_model
 from hmcvt_core.model.parameter_file import load_stages
 from hmcvt_core.model.plausibility import gear_train_remarks
 from hmcvt_core.transmission.check import check_stages
-from hmcvt_core.transmission.ranges import Array
 
 from ..tables.raw import Imported, Proposal
+from ..tables.recordings import days_of
 
 SESSION = "session"
 _FALLS = ", so it falls as the stroke rises"
@@ -36,24 +34,16 @@ def with_session(imported: Imported, proposal: Proposal, column: str) -> Importe
     samples = imported.samples
     stamps = proposal.columns.get("stamp")
     if column in samples.extra:
-        extra = {
-            SESSION if name == column else name: cells
-            for name, cells in samples.extra.items()
-        }
+        extra = dict(samples.extra)
+        extra[SESSION] = extra.pop(column)
     elif stamps is not None and stamps.name == column and samples.stamp is not None:
-        extra = {**samples.extra, SESSION: _days(samples.stamp)}
+        extra = {**samples.extra, SESSION: days_of(samples.stamp)}
     else:
         raise InputError(
             f"{samples.source}: --session {column!r} is no column that is kept; there is "
             f"{', '.join(samples.extra) or 'none'}, and the column of the stamps"
         )
     return imported._replace(samples=replace(samples, extra=extra))
-
-
-def _days(stamps: Array) -> tuple[str, ...]:
-    """Return the day of each stamp [s], shape (n,)."""
-    days = stamps.astype("datetime64[s]").astype("datetime64[D]")
-    return tuple(np.datetime_as_string(days).tolist())
 
 
 def checked_by_gears(imported: Imported, transmission: str) -> Imported:

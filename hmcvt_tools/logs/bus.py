@@ -25,6 +25,8 @@ FrameSource = Callable[[Remarks], Iterator[tuple[Frames, float]]]
 
 _SCANNED = 400_000
 """Frames at the beginning that show which messages the bus carries."""
+_NAMED = 3
+"""Messages of a DBC that an error names."""
 _SILENT = 1.0
 """A pause of the whole bus from here on is worth a remark [s]; EEC1 comes every 10 to 100 ms."""
 
@@ -50,6 +52,11 @@ class _Key(NamedTuple):
         return np.asarray(same & (frames.extended == self.is_extended))
 
 
+def _key_of(message: Message) -> _Key:
+    """Return what selects the frames of a message of a DBC."""
+    return _Key(message.group, message.identifier, message.is_extended)
+
+
 class _Sender(NamedTuple):
     """The frames of a message and its source.
 
@@ -72,6 +79,7 @@ class BusLog(Log):
         source: opens the file.
         messages: of the DBC; empty without one.
         closing: closes the file, where it stays open between readings.
+        dbc: name of the DBC.
     """
 
     def __init__(
@@ -80,8 +88,10 @@ class BusLog(Log):
         source: FrameSource,
         messages: Sequence[Message] = (),
         closing: Callable[[], None] | None = None,
+        dbc: str = "",
     ) -> None:
         super().__init__(path)
+        self._dbc = dbc
         self._closing = closing
         self._source = source
         self._messages = messages
@@ -96,8 +106,7 @@ class BusLog(Log):
             for signal in group.signals:
                 known[signal.name] = (sender, signal)
         for message in self._messages:
-            key = _Key(message.group, message.identifier, message.is_extended)
-            sender = _Sender(key, -1, message.name)
+            sender = _Sender(_key_of(message), -1, message.name)
             for signal in message.signals:
                 known[signal.name] = (sender, signal)
         return known
@@ -126,7 +135,28 @@ class BusLog(Log):
                 break
         if not frames_seen:
             raise InputError(f"{self.path}: holds no CAN frame")
+        self._refuse_foreign_dbc(sources)
         return sources
+
+    def _refuse_foreign_dbc(self, counted: Collection[_Key]) -> None:
+        """Refuse a DBC none of whose messages is on the bus: it is that of another machine.
+
+        Args:
+            counted: messages that the bus carries.
+
+        Raises:
+            InputError: it is.
+        """
+        if not self._messages or any(
+            _key_of(item) in counted for item in self._messages
+        ):
+            return
+        names = ", ".join(item.name for item in self._messages[:_NAMED])
+        more = ", ..." if len(self._messages) > _NAMED else ""
+        raise InputError(
+            f"{self.path}: no message of {self._dbc or 'the DBC'} is on the bus ({names}{more}): "
+            "is it that of this machine?"
+        )
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -198,8 +228,7 @@ class BusLog(Log):
         return [
             message.name
             for message in self._messages
-            if _Key(message.group, message.identifier, message.is_extended)
-            not in self._senders
+            if _key_of(message) not in self._senders
         ]
 
     def channel(self, name: str) -> Channel:

@@ -58,7 +58,10 @@ def open_log(
     suffix = file.suffix.lower()
     if suffix in can_files.SUFFIXES:
         return BusLog(
-            file, lambda remarks: can_files.read_frames(file, remarks), messages
+            file,
+            lambda remarks: can_files.read_frames(file, remarks),
+            messages,
+            dbc=str(dbc or ""),
         )
     if suffix in mdf.SUFFIXES:
         opened = mdf.open_mdf(file)
@@ -68,6 +71,7 @@ def open_log(
                 lambda remarks: mdf.frames_of(opened, remarks),
                 messages,
                 opened.close,
+                str(dbc or ""),
             )
         if dbc is None:
             return mdf.MdfLog(file, opened)

@@ -37,6 +37,8 @@ MAX_STEPS = 10_800
 
 _GRAVITY = 9.81
 _GAP = 5.0  # median steps between two rows: more is a gap
+_CREEPING = 0.05
+"""Part of the highest output speed below which a change of direction counts as from standstill."""
 _PARTS_OF_A_STEP = 10  # at which a fine file is averaged
 
 _COLUMNS: dict[str, tuple[Range, str]] = {
@@ -569,7 +571,24 @@ def _remarks(cycle: Cycle, asked: Array, grid: _Grid) -> tuple[str, ...]:
             f"the demand is negative at {len(braked)} steps, first at "
             f"{cycle.time[braked[0]]:g} s: the service brakes take it"
         )
+    turned = _reversed_at_speed(cycle)
+    if len(turned):
+        first = int(turned[0])
+        remarks.append(
+            f"the direction changes without standstill at {len(turned)} steps, first at "
+            f"{cycle.time[first]:g} s, from {cycle.output_speed[first - 1]:.1f} to "
+            f"{cycle.output_speed[first]:.1f} rad/s at the output: no limit of the vehicle covers "
+            "that, and clutches that slip are not modelled"
+        )
     return tuple(remarks)
+
+
+def _reversed_at_speed(cycle: Cycle) -> NDArray[np.intp]:
+    """Return the steps that begin in the other direction than the one before ended."""
+    speed = np.where(cycle.known, cycle.output_speed, 0.0)
+    low = _CREEPING * float(np.abs(speed).max(initial=0.0))
+    sense = np.where(np.abs(speed) > low, np.sign(speed), 0.0)
+    return np.flatnonzero(sense[1:] * sense[:-1] < 0.0) + 1
 
 
 def _slip(columns: Mapping[str, Array], vehicle: Vehicle) -> Array:

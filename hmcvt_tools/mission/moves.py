@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.ranges import RPM, Array
 
 from .points import WorkingPoints
 from .vehicle import Limits
@@ -110,6 +110,41 @@ class Moves:
         # A stroke that is not known is one in neutral: any may follow.
         too_far = np.abs(stroke - state.stroke) > limits[:, None]
         return is_near & ~too_far
+
+    def obstacle(self, state: State, points: WorkingPoints, step: int) -> str:
+        """Return which limits keep a state from the nearest possible point of a step, in words.
+
+        Args:
+            state: in the step before, from which no point is reached.
+            points: of the cycle.
+            step: of the cycle; some point holds its demand.
+        """
+        possible = np.isfinite(points.fuel[step])
+        speed_change = np.abs(points.engine_speed[step] - state.engine_speed)
+        stroke_change = np.abs(points.stroke[step] - state.stroke)
+        stroke_limits = np.full(len(stroke_change), self.stroke_changing)
+        stroke_limits[state.stage] = self.stroke
+        # The lead over a limit is counted in limits, so that the two compare.
+        of_speed = speed_change / self.engine_speed
+        of_stroke = np.nan_to_num(stroke_change / stroke_limits[:, None])
+        excess = np.where(possible, np.maximum(of_speed, of_stroke), np.inf)
+        stage, column = np.unravel_index(int(excess.argmin()), excess.shape)
+        at = (int(stage), int(column))
+        causes = []
+        if of_speed[at] > 1.0:
+            causes.append(
+                f"the engine speed would have to change by {speed_change[at] / RPM:.0f} r/min, "
+                f"of at most {self.engine_speed / RPM:.0f}"
+            )
+        if of_stroke[at] > 1.0:
+            causes.append(
+                f"the displacement ratio would have to change by {stroke_change[at]:.2f}, "
+                f"of at most {stroke_limits[at[0]]:.2f}"
+            )
+        if not causes:
+            causes.append("a stage change leaves the engine too little torque")
+        name = points.grid.stages[at[0]]
+        return f"to the nearest point, in stage {name}, {' and '.join(causes)}"
 
     def between(self, before: Points, after: Points) -> tuple[Any, Any]:
         """Return which points are reached from which, and where a stage changes.

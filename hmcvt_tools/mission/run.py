@@ -132,11 +132,12 @@ class _Runner:
     def _next(self, k: int) -> tuple[int, int]:
         """Return positions of stage and engine speed of a step."""
         cost = self._moves.cost(self._state, self._points, k)
-        if not np.isfinite(cost).any():
+        if self._state is not None and not np.isfinite(cost).any():
+            obstacle = self._moves.obstacle(self._state, self._points, k)
             self._broken.append(
                 Complaint(
                     float(self._cycle.time[k]),
-                    "no working point is within the limits of the machine",
+                    f"no working point is within the limits of the machine: {obstacle}",
                 )
             )
             cost = self._points.fuel[k]

@@ -46,7 +46,9 @@ from .proposal import (
 from .recordings import (
     clock_of,
     cut,
+    days_of,
     even_columns,
+    holds_dates_alone,
     is_recording,
     looks_recorded,
     powers,
@@ -276,6 +278,10 @@ def import_table(
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
     notes += _drop_empty(values, columns, table)
+    if "stamp" in values and holds_dates_alone(values["stamp"]):
+        days = days_of(values["stamp"])
+        extra.setdefault("session", list(days))
+        notes.append(_dates_note(columns["stamp"].name, len(set(days) - {""})))
     stated = dict(values)
     into, out = powers(values)
     values.setdefault("load_torque", out / values["engine_speed"])
@@ -316,6 +322,15 @@ def import_table(
         notes.append(note)
     samples = _bench(taken, extra, rows.kept, table)
     return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
+
+
+def _dates_note(column: str, days: int) -> str:
+    """Say that days count as sessions where the stamps are dates alone."""
+    counted = "the day counts" if days == 1 else f"each of the {days} days counts"
+    return (
+        f"column {column!r} holds dates without a time of day: each row is a test, and {counted} "
+        "as a session, between which the meters may drift (--session names another column)"
+    )
 
 
 class _SortedRows(NamedTuple):

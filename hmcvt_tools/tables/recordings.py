@@ -38,6 +38,7 @@ _STEP = 1.1  # s; a bench test takes longer to settle
 _SLOW_RECORDED = 40
 """Rows from which a table that barely changes from row to row is a recording."""
 _SLOW_STEP = 120.0  # s; slower loggers do not exist on benches
+_DAY = 86_400.0  # s
 _REGULAR = 0.2  # part by which the steps of a clock differ from their median
 _SMOOTH = 0.1  # of the spread: the median change of a recording from row to row
 _SETTINGS = 3
@@ -112,6 +113,8 @@ def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
         stamp: time [s], NaN where none is known, shape (n,).
         values: other quantities, shape (n,) each.
     """
+    if holds_dates_alone(stamp):
+        return False
     steps = np.diff(stamp[np.isfinite(stamp)])
     if len(steps) < _SLOW_RECORDED - 1 or not np.any(steps > 0.0):
         return False
@@ -125,6 +128,23 @@ def is_recording(stamp: Array, values: Mapping[str, Array]) -> bool:
     if step > _SLOW_STEP or regular.mean() < 0.8:
         return False
     return step < _STEP or is_smooth(values)
+
+
+def holds_dates_alone(stamp: Array) -> bool:
+    """Return whether all stamps are dates without a time of day, at which no logger writes.
+
+    Args:
+        stamp: time [s], NaN where none is known, shape (n,).
+    """
+    known = stamp[np.isfinite(stamp)]
+    return bool(len(known)) and bool(np.all((known >= _DAY) & (known % _DAY == 0.0)))
+
+
+def days_of(stamp: Array) -> tuple[str, ...]:
+    """Return the ISO date of each stamp [s], empty where none is known, shape (n,)."""
+    days = np.where(np.isfinite(stamp), stamp, 0.0).astype("datetime64[s]")
+    dates = np.datetime_as_string(days.astype("datetime64[D]"))
+    return tuple(np.where(np.isfinite(stamp), dates, "").tolist())
 
 
 def is_smooth(values: Mapping[str, Array]) -> bool:

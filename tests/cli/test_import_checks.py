@@ -40,6 +40,19 @@ def test_each_day_of_the_stamps_is_a_session(hmcvt, table, tmp_path):
     assert_refused(refused, "--session 'Tag' is no column that is kept")
 
 
+def test_dates_alone_make_no_recording(hmcvt, table, tmp_path):
+    """Sixty rows of three days: most steps of the stamps are zero, as of a fast logger."""
+    out = tmp_path / "bench.csv"
+    done = hmcvt("import", table[0], "--out", out, "--yes")
+    assert done.code == 0, done.err
+    assert len(read_bench(out)) == 60
+    assert "each of the 3 days counts as a session" in done.out
+    days = {"2026-03-09", "2026-03-10", "2026-03-11"}
+    assert set(read_bench(out).extra["session"]) == days
+    done = hmcvt("import", table[0], "--out", out, "--yes", "--session", "Gang")
+    assert done.code == 2  # the column of the stages is used
+
+
 def test_speeds_are_checked_by_the_gears(hmcvt, table, tmp_path):
     out = tmp_path / "bench.csv"
     done = hmcvt("import", table[0], "--out", out, *TAKE, "--transmission", table[1])

@@ -74,6 +74,24 @@ FRAME = SAMPLES.to_dataframe()
             lambda: hmcvt.next_test(SAMPLES, MODEL),
             "model: an EfficiencyModel is wanted",
         ),
+        (lambda: hmcvt.identify(SAMPLES, seed="a"), "seed = 'a' is not a whole number"),
+        (lambda: hmcvt.diagnose(MODEL, SAMPLES, seed="a"), "seed = 'a' is not a whole"),
+        (lambda: hmcvt.next_test(MODEL, SAMPLES, seed=-1), "seed = -1 is not a whole"),
+        (lambda: hmcvt.diagnose(MODEL, SAMPLES, seed=True), "seed = True is not a"),
+        (
+            lambda: MODEL.optimal_drive(120.0, 4e4, engine="engine.yaml"),
+            "engine: an Engine is wanted.*read it by load_engine",
+        ),
+        (
+            lambda: MODEL.optimal_displacement_ratio("100", 100.0),
+            "engine_speed = '100' is not a number",
+        ),
+        (
+            lambda: MODEL.optimal_displacement_ratio(
+                100.0, 100.0, hold="output_speed", output_speed="120"
+            ),
+            "output_speed = '120' is not a number",
+        ),
         (lambda: hmcvt.separable(MODEL, FRAME), "samples: BenchSamples is wanted"),
         (lambda: hmcvt.watch(SAMPLES, MODEL), "model: an EfficiencyModel is wanted"),
         (

@@ -134,6 +134,20 @@ def test_swapped_byte_order(tmp_path):
     assert " s: " in done.err and done.err.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", ["import", "estimate"])
+def test_a_dbc_of_another_machine_is_refused(tmp_path, messages, command):
+    """The bus can be read without it, so that its absence would not show."""
+    write_trace(tmp_path / "drive.log", messages)
+    foreign = MAKER.replace(str(0x98FF1003), str(0x98FF2703))
+    (tmp_path / "foreign.dbc").write_text(foreign)
+    arguments = (command, tmp_path / "drive.log", "--dbc", tmp_path / "foreign.dbc")
+    rest = TRACTOR if command == "estimate" else ("--out", tmp_path / "out.csv")
+    done = run(*arguments, *rest)
+    assert done.code == 2
+    assert "foreign.dbc is on the bus (" in done.err
+    assert "is it that of this machine?" in done.err
+
+
 def test_a_dbc_without_the_signal(tmp_path):
     time, columns = recordings.recorded()
     recordings.write_can(tmp_path / "bench.log", time, columns)

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Missions: energy, strategies, demands that cannot be met."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -72,8 +73,25 @@ def test_a_jump_that_the_machine_cannot_follow_is_named(tmp_path):
     drive = Drive(DRIVE.model.stages["HM4"], DRIVE.engine, Vehicle(limits=limits))
     plan = Planned.of(drive, cycle(tmp_path, SPEED_AND_POWER, *rows), speed_step=COARSE)
     mission = plan.mission("causal")
-    assert [item.time for item in mission.broken] == [2.0]
+    (broken,) = mission.broken
+    assert broken.time == 2.0
+    assert re.search(
+        r"in stage HM4, the engine speed would have to change by \d+ r/min, of at most 20$",
+        broken.reason,
+    ) or re.search(
+        r"the displacement ratio would have to change by \d\.\d+, of at most 0\.05",
+        broken.reason,
+    )
     assert [item.time for item in plan.best().broken] == [2.0]
+
+
+def test_a_change_of_direction_at_speed_is_named(tmp_path):
+    rows = [(60, 9e3), (60, 9e3), (-60, 9e3), (-60, 9e3)]
+    remark = cycle(tmp_path, SPEED_AND_POWER, *rows).remarks[0]
+    assert "without standstill at 1 steps, first at 2 s, from 60.0 to -60.0" in remark
+    through_zero = [(60, 9e3), (1, 0), (-1, 0), (-60, 9e3)]
+    remarks = cycle(tmp_path, SPEED_AND_POWER, *through_zero).remarks
+    assert not any("direction" in remark for remark in remarks)
 
 
 def test_the_loss_of_a_stage_change_is_counted(tmp_path):

@@ -20,6 +20,7 @@ from .change import SoundMachine
 from .control import Control, Excess
 from .growth import Growth
 from .refusal import refuse_contradicted, without_absent
+from .sizes import with_posterior_size
 
 VISIBLE_DEVIATIONS = 2.0
 """Deviations of a reading about the sound prediction that a change has to make to show."""
@@ -102,6 +103,8 @@ class Baseline:
         """
         if diagnosis.verdict in NAMING:
             diagnosis = refuse_contradicted(without_absent(diagnosis))
+            sized = [with_posterior_size(diagnosis, item) for item in diagnosis.causes]
+            diagnosis = replace(diagnosis, causes=tuple(sized))
         if not self.excess.is_change:
             diagnosis = _without_gap(diagnosis, self.excess)
         causes = self._expanded_causes(diagnosis)

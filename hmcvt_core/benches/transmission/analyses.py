@@ -14,6 +14,7 @@ from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Points
 from ...errors import InputError
 from ...files.bench import BenchSamples, read_columns
+from ...files.checks import require_seed
 from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
 from ...model.plausibility import gear_train_remarks, pressure_remark
@@ -71,6 +72,7 @@ def diagnose(
     if holdout is None:
         holdout = validation
     require_model_and_samples(model, samples, holdout)
+    require_seed(seed)
     stages = list(model.stages)
     warnings = _warnings(model, samples)
     if baseline is not None:
@@ -126,6 +128,7 @@ def next_test(
         InputError: as `diagnose`.
     """
     require_model_and_samples(model, samples, possible, "possible")
+    require_seed(seed)
     stages = list(model.stages)
     warnings = _warnings(model, samples)
     observed, notes = distinct_observations(samples, noise, stages)

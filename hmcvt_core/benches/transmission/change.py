@@ -24,6 +24,7 @@ from ..baseline import (
     judge_control,
 )
 from .channels import CHANNELS, OIL_TEMPERATURE
+from .meter_scale import zero_scales
 from .meters import with_meter_errors
 from .misfit import with_misfits
 from .readings import observe
@@ -32,6 +33,8 @@ from .system import Transmission
 
 COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
+NOTABLE_SCALE = 1.5
+"""Deviation of zeros / that of the class from which a note names a meter; chosen."""
 FEWEST_CHANGED = 5
 """Fewest samples of the changed transmission, as of any diagnosis."""
 BEYOND_FRACTION = 0.05
@@ -150,7 +153,15 @@ def _sound(
             f"the baseline itself differs from the model: {effects} "
             f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
         )
-    return fit_sound_transmission(of_sound.model, observed, of_sound.parameters)
+    zeros = zero_scales(of_sound.shared_errors)
+    large = [name for name, scale in zeros.items() if scale > NOTABLE_SCALE]
+    if large:
+        names = " and ".join(f"{name} by {zeros[name]:.1f} times" for name in large)
+        notes.append(
+            f"between the sessions of the baseline moves the {names} the class of such a meter: "
+            "the comparison expects as much of the samples"
+        )
+    return fit_sound_transmission(of_sound.model, observed, of_sound.parameters, zeros)
 
 
 def _answered(

@@ -36,6 +36,7 @@ from .channels import (
     STAGE,
     by_name,
 )
+from .meter_scale import with_scaled_zeros
 from .meters import with_meter_errors
 from .readings import observe
 from .system import Transmission
@@ -68,6 +69,7 @@ class SoundTransmission:
         samples: sound samples that were fitted.
         library: changes that are candidates.
         parameters: base parameters of the model with their standard errors.
+        zeros: scales of the zeros of the torque meters, by `zero_scales`.
         inflation: factor of all standard deviations, above 1 where the control differs.
     """
 
@@ -79,6 +81,7 @@ class SoundTransmission:
     samples: BenchSamples
     library: tuple[Any, ...]
     parameters: Mapping[str, ParameterEstimate]
+    zeros: Mapping[str, float] = field(default_factory=dict)
     inflation: float = 1.0
     _predicted: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
@@ -198,6 +201,7 @@ def fit_sound_transmission(
     model: EfficiencyModel,
     observed: Observations,
     parameters: Mapping[str, ParameterEstimate],
+    zeros: Mapping[str, float],
 ) -> SoundTransmission:
     """Fit what a model leaves of sound samples.
 
@@ -206,7 +210,9 @@ def fit_sound_transmission(
         observed: the sound samples with the errors of their meters, in the channels that are
             compared.
         parameters: base parameters of the model with their standard errors.
+        zeros: scales of the zeros of the torque meters.
     """
+    observed = with_scaled_zeros(observed, zeros)
     system = Transmission(model, [channel.name for channel in observed.channels])
     base = scaled_base(system.base, model.parameters)
     predicted = system.predict(base, (), observed.points)
@@ -255,6 +261,7 @@ def fit_sound_transmission(
         samples=observed.samples,
         library=tuple(kind() for kind in kinds),
         parameters=parameters,
+        zeros=zeros,
     )
 
 
@@ -270,6 +277,7 @@ def observe_change(
     """
     stages = list(sound.model.stages)
     observed = with_meter_errors(observe(samples, noise, stages), sound.system)
+    observed = with_scaled_zeros(observed, sound.zeros)
     deviation = observed.deviation.copy()
     for i, remainder in enumerate(sound.remainders):
         ratio = remainder.noise_ratio_at(_stacked(observed.points))

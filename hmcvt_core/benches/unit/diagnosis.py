@@ -15,6 +15,7 @@ from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
+from ...files.checks import require_seed
 from ..baseline import leading_effects, refuse_contradicted
 from .change import UnitChange, diagnose_change
 from .samples import TELLING, UnitSamples
@@ -224,6 +225,7 @@ def diagnose_unit(
         raise InputError("holdout and validation are one argument: give holdout")
     if holdout is None:
         holdout = validation
+    require_seed(seed)
     if baseline is not None:
         return diagnose_change(samples, baseline, holdout, seed=seed, progress=progress)
     doubt = _displacement_doubt(samples)

@@ -344,10 +344,12 @@ class SoundUnit:
         if effect is None:
             return None
         points = points_of(samples)
+        name = effect.sizes()[0].name
+        size = cause.parameters[name]
+        effect = effect.with_values({name: size["value"]})
         change = float(np.mean(self.changed_by((effect,), points)[0]))
         mean, covariance = self.sound_at(points)
         before = float(np.mean(mean[0]))
-        size = cause.parameters[effect.sizes()[0].name]
         if min(change, before) <= 0.0 or size["value"] <= 0.0:
             return None
         lost = {

@@ -531,7 +531,9 @@ class OilTemperature(Effect):
     component = "oil"
     summary = "oil temperature changes viscosity: hot oil leaks more and damps less"
     source = "Walther / ASTM D341; Petroff 1883; Palmgren M0 ~ (nu n)^(2/3)"
-    remedy = "sweep the oil temperature, and log it with each test"
+    remedy = (
+        "repeat a test at two oil temperatures, and compare with the oil's data sheet"
+    )
     varied = ("motor_damping", "pump_damping", "damping")
 
     strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of the oil")
