@@ -98,8 +98,8 @@ def _miss(record: Record) -> float | None:
 class _Question(NamedTuple):
     """One line of the goals: what is asked of the records of some groups; None is no answer.
 
-    `sum_up` makes a figure of the answers; without it, it is their share. `then` is what the page
-    said up to d36027d, of a kinder plant counted more kindly. `beside` is of the table of parts.
+    `sum_up` makes a figure of the answers; without it, it is their share. `beside`: whether the
+    table of parts has it too.
     """
 
     what: str
@@ -108,7 +108,6 @@ class _Question(NamedTuple):
     ask: Callable[[Record], Any]
     at_most: bool = False
     sum_up: Callable[[list[Any]], float] | None = None
-    then: str = ""
     beside: bool = False
 
     def answer(self, records: Sequence[Record]) -> tuple[float | None, str]:
@@ -197,7 +196,6 @@ _QUESTIONS = (
         0.95,
         ["single"],
         _untwinned,
-        then="93 %",
         beside=True,
     ),
     _alone("single", "first", _first),
@@ -206,7 +204,6 @@ _QUESTIONS = (
         0.95,
         ["single"],
         _short,
-        then="97 %",
         beside=True,
     ),
     _alone("single", "in a set of at most three", _short),
@@ -222,7 +219,6 @@ _QUESTIONS = (
         ["none"],
         _alarmed,
         at_most=True,
-        then="2 %",
         beside=True,
     ),
     _Question(
@@ -232,9 +228,7 @@ _QUESTIONS = (
         _named,
         at_most=True,
     ),
-    _Question(
-        "unlisted refused", 0.85, ["unlisted"], _refused, then="96 %", beside=True
-    ),
+    _Question("unlisted refused", 0.85, ["unlisted"], _refused, beside=True),
     _alone("unlisted", "refused", _refused),
     _Question("wrong sign refused", 0.85, ["wrong sign"], _refused),
     _alone("wrong sign", "refused", _refused),
@@ -243,15 +237,13 @@ _QUESTIONS = (
         0.80,
         STRANGE,
         lambda r: r["place_found"],
-        then="86 %",
     ),
-    _Question("listed refused", 0.05, LISTED, _refused, at_most=True, then="1 %"),
+    _Question("listed refused", 0.05, LISTED, _refused, at_most=True),
     _Question(
         "correctly named: 85 % of the squared gap removed",
         0.85,
         LISTED,
         _gone,
-        then="85 %",
     ),
     _Question(
         "removed, where noise and base permit",
@@ -293,7 +285,6 @@ _QUESTIONS = (
         _miss,
         at_most=True,
         sum_up=np.median,
-        then="0.035",
         beside=True,
     ),
     _Question(
@@ -373,11 +364,8 @@ def goals(records: Sequence[Record]) -> str:
     own = {name: [r for r in records if r["condition"] == name] for name in NOISES}
     own = {name: some for name, some in own.items() if some}
     return table(
-        ("", "goal", "d36027d", *(f"noise {name}" for name in own)),
-        [
-            (each.what, each.aim, each.then, *map(each.cell, own.values()))
-            for each in _QUESTIONS
-        ],
+        ("", "goal", *(f"noise {name}" for name in own)),
+        [(each.what, each.aim, *map(each.cell, own.values())) for each in _QUESTIONS],
     )
 
 
