@@ -16,8 +16,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..diagnosis.observations import Observations, noise_statement
-from ..diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
+from ..diagnosis.observations import (
+    Observations,
+    assumed_prior_dof,
+    noise_statement,
+)
+from ..diagnosis.settings import PRIOR_DOF_STATED
 from ..diagnosis.system import Array, Channel, System
 from ..errors import InputError
 from ..files.table import read_plain
@@ -134,7 +138,7 @@ def observe_system(
         stated = _stated(noise, channel, table)
         if stated is None:
             deviation.append(channel.deviation(table[channel.name]))
-            prior_dof.append(PRIOR_DOF_ASSUMED)
+            prior_dof.append(assumed_prior_dof(len(table[first.name])))
         else:
             deviation.append(stated)
             prior_dof.append(PRIOR_DOF_STATED)

@@ -232,12 +232,17 @@ def noise_statement(
     deviation, prior_dof, source = _stated_noise(
         channel, measured, given, column, axes, points
     )
-    if len(measured) < SMALL_CAMPAIGN:
+    if source is not None and len(measured) < SMALL_CAMPAIGN:
         # So few samples cannot correct a statement, so it gets more weight.
-        assumed = source is None
-        least = PRIOR_DOF_ASSUMED_SMALL if assumed else PRIOR_DOF_STATED_SMALL
-        prior_dof = max(prior_dof, least)
+        prior_dof = max(prior_dof, PRIOR_DOF_STATED_SMALL)
     return deviation, prior_dof, source
+
+
+def assumed_prior_dof(samples: int) -> float:
+    """Return the prior degrees of freedom of an assumed noise in a campaign of so many samples."""
+    if samples < SMALL_CAMPAIGN:
+        return PRIOR_DOF_ASSUMED_SMALL
+    return PRIOR_DOF_ASSUMED
 
 
 def _stated_noise(
@@ -258,7 +263,7 @@ def _stated_noise(
     if repeats is not None:
         deviation, degrees_of_freedom = repeats
         return np.full(n, deviation), degrees_of_freedom, REPEATED_POINTS
-    return channel.deviation(measured), PRIOR_DOF_ASSUMED, None
+    return channel.deviation(measured), assumed_prior_dof(n), None
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:

@@ -728,3 +728,9 @@ NOISE_AS_STATED = (0.75, 1.33)
 
 Source: chosen.
 """
+
+METER_FAR_OFF = 3.0
+"""Ratio of estimated to assumed noise of a further channel from which its meter is named.
+
+Source: chosen; meters of one kind differ less between makers.
+"""

@@ -96,7 +96,7 @@ def test_where_the_noise_comes_from():
     assert [
         observe(item.select(few), noise).prior_dof.tolist()
         for item, noise in ((stated, None), (samples, None))
-    ] == [[30.0, 1.0], [3.0, 1.0]]
+    ] == [[30.0, 3.0], [3.0, 3.0]]
     again = assumed.with_stated_noise(0.004)
     assert (again.stated_noise, again.assumed, again.prior_dof[0]) == (
         pytest.approx(0.004),

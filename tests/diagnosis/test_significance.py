@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import observe
 from hmcvt_core.benches.transmission.channels import AXES
 from hmcvt_core.diagnosis.detection.regions import candidate_regions, covering
@@ -16,7 +17,15 @@ from hmcvt_core.diagnosis.preparation import uneven_noise
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.transmission.ranges import OperatingPoints
 
-from .campaigns import NOISE, campaign, factorial_points, fitted, measure, random_points
+from .campaigns import (
+    BASE,
+    NOISE,
+    campaign,
+    factorial_points,
+    fitted,
+    measure,
+    random_points,
+)
 
 NAMES = [axis.name for axis in AXES[:2]]
 REPLICATES = 199
@@ -199,3 +208,14 @@ def test_an_axis_that_is_only_recorded_takes_part_up_to_the_second_degree():
     # Functions of one axis share an amplitude, and products another.
     assert smooth.family[smooth.powers.tolist().index([0, 2])] == 2
     assert smooth.family[smooth.powers.tolist().index([1, 1])] == 3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_few_speeds_far_beyond_their_meter_are_a_gap(seed):
+    """Eight tests show no pattern, but no encoder scatters by a hundredth."""
+    samples = campaign(seed=seed, n=8, noise=0.001, speed_noise=0.01)
+    found = hmcvt.diagnose(BASE, samples, noise=0.001)
+    assert found.verdict != "no_gap"
+    assert any("output_speed scatters" in note for note in found.notes)
+    usual = campaign(seed=seed, n=8, noise=0.001, speed_noise=0.001)
+    assert hmcvt.diagnose(BASE, usual, noise=0.001).verdict == "no_gap"

@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...diagnosis.observations import Observations, noise_statement
-from ...diagnosis.settings import PRIOR_DOF_ASSUMED
+from ...diagnosis.observations import (
+    Observations,
+    assumed_prior_dof,
+    noise_statement,
+)
 from ...diagnosis.system import Array, Axis, Channel, Points
 from ...errors import InputError
 from ...files.bench import BenchSamples
@@ -59,7 +62,7 @@ def observe(
             prior_dof.append(efficiency_dof)
         else:
             deviation.append(channel.deviation(readings))
-            prior_dof.append(PRIOR_DOF_ASSUMED)
+            prior_dof.append(assumed_prior_dof(len(samples)))
     return Observations(
         axes=axes,
         points=points,

@@ -47,8 +47,9 @@ def significance(
     null = _null_maxima(looks, whitened.shape, len(fit.theta), seed, replicates)
     p_value = _combined_p_value(null, observed.maxima())
     if len(fit.observed) < SMALL_CAMPAIGN:
-        # Bonferroni over two tests: the shape of the scatter, and its size.
-        p_value = min(1.0, 2.0 * min(p_value, looks.lack_of_fit(whitened)))
+        # Bonferroni over all tests: the shape of the scatter, and its size in each channel.
+        sizes = looks.lack_of_fit(whitened)
+        p_value = min(1.0, (1 + len(sizes)) * min(p_value, *sizes.tolist()))
     return Significance(p_value)
 
 
@@ -193,21 +194,23 @@ class _Looks:
         of_effects = self.effects.statistics(studentised)
         return _Statistics(np.stack(of_boxes, axis=1), of_effects)
 
-    def lack_of_fit(self, whitened: Array) -> float:
-        """Return the p value of the scatter of the first channel at its stated noise.
+    def lack_of_fit(self, whitened: Array) -> Array:
+        """Return the p values of the scatter of each channel at its stated or assumed noise.
 
-        An F test: the prior degrees of freedom of the noise are those of the denominator.
+        F tests: the prior degrees of freedom of the noise are those of the denominator.
 
         Args:
             whitened: readings in units of the noise, shape (channels, n).
+
+        Returns:
+            Shape (channels,).
         """
         from scipy.special import fdtrc
 
-        rows = self.fit.project_out(whitened[None])[0, : whitened.shape[1]]
-        residuals = rows * self.noise_deviation[0]
-        degrees_of_freedom = float(self.degrees_of_freedom[0])
-        variance = np.sum(residuals**2) / degrees_of_freedom
-        return float(fdtrc(degrees_of_freedom, self.prior_dof[0], variance))
+        rows = self.fit.project_out(whitened[None])[0, : whitened.size]
+        residuals = rows.reshape(whitened.shape) * self.noise_deviation[:, None]
+        variance = np.sum(residuals**2, axis=1) / self.degrees_of_freedom
+        return np.asarray(fdtrc(self.degrees_of_freedom, self.prior_dof, variance))
 
 
 def _norms(squares: NDArray[np.floating], absorbed: NDArray[np.floating]) -> Array:

@@ -3,16 +3,40 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..analysis import Analysis, rms
 from ..detection.significance import significance
 from ..fitting.refit import refit
-from ..settings import NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
+from ..settings import METER_FAR_OFF, NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
 
 
 def noise_notes(analysis: Analysis) -> tuple[str, ...]:
     """Say that the noise differs from the statement, or what a statement would change."""
+    return (*_of_first_channel(analysis), *_of_further_channels(analysis))
+
+
+def _of_further_channels(analysis: Analysis) -> tuple[str, ...]:
+    """Name the meters whose readings scatter far beyond what is assumed of them."""
+    model = analysis.posterior.base_only.plain_model
+    if analysis.significant:
+        model = analysis.posterior.entries[0][0].model
+    notes = []
+    for channel, variance in zip(
+        analysis.base.observed.channels[1:], model.noise[1:].tolist(), strict=True
+    ):
+        ratio = math.sqrt(variance)
+        if ratio >= METER_FAR_OFF:
+            notes.append(
+                f"{channel.name} scatters {ratio:.2g} times as much as its meter should: check "
+                "that meter first"
+            )
+    return tuple(notes)
+
+
+def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
     observed = analysis.base.observed
     channel = observed.channels[0]
     stated = observed.stated_noise

@@ -186,8 +186,8 @@ def _cause_lines(outcome: Outcome) -> list[str]:
     sets = with_probabilities(reported, "{0} {1}")
     sets.append(f"something unlisted {probability(outcome.unlisted)}")
     members = [_member_in_words(item) for item in outcome.members]
-    lines = [
-        f"members    {'; '.join(members)}",
+    lines = [f"members    {'; '.join(members)}"] if members else []
+    lines += [
         f"sets       {', '.join(sets)}",
         "causes     probability over all sets",
     ]
