@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The size of a change over all sets that hold it, and the p-value of several channels."""
 
 from types import SimpleNamespace

@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Zeros of the torque meters as large as the sessions of a baseline show them."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The trial of a foreign gearbox: its cases, what counts, and its table."""
 
 import pytest
