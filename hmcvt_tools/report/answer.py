@@ -225,7 +225,8 @@ def sizes(cause: Cause) -> list[str]:
         value = f"{words.number(size['value'])} {unit}".rstrip()
         limits = f"{low} to {high} {unit}".rstrip()
         lines.append(
-            f"{words.plain(cause.effect)}, {words.plain(name)}: {value} (95 %: {limits})"
+            f"{words.plain(cause.effect)}, {words.plain(name)}: {value} "
+            f"({cause.coverage}: {limits})"
         )
     return lines
 

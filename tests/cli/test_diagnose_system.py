@@ -69,7 +69,7 @@ def test_wrong_tables_and_noise_are_refused(tmp_path):
     bench = table(tmp_path / "bench.csv")
     assert_refused(
         run("diagnose-system", DRIVE, bench, "--noise", "flow=1"),
-        "no such channel; it has battery_power, phase_current",
+        "no such channel; it has phase_current, battery_power",
     )
     assert_refused(
         run("diagnose-system", DRIVE, bench, "--noise", "battery_power"),

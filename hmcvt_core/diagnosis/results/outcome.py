@@ -86,7 +86,7 @@ class Cause:
             smallest set that holds the cause with 80 %, given that it is a listed one.
         together_with: the other effects of its most probable set, in words, or None.
         parameters: fitted values by name with `unit` and `meaning`; sizes also have
-            `standard_error`, `interval` (95 %) and `plausible`.
+            `standard_error`, `interval` (95 %, at the fitted shapes) and `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before by cross-validation, with the effect held in every
             fold; None without a gap.
@@ -111,6 +111,12 @@ class Cause:
     source: str
     remedy: str
     model: Any = field(repr=False)
+
+    @property
+    def coverage(self) -> str:
+        """What the interval of its size covers: other shapes would give other sizes."""
+        has_shapes = any("interval" not in entry for entry in self.parameters.values())
+        return "95 % with these shapes" if has_shapes else "95 %"
 
 
 @dataclass(frozen=True)

@@ -255,7 +255,7 @@ def _one_cause(cause: Cause) -> list[str]:
         f"         {cause.summary}",
     ]
     for name, entry in cause.parameters.items():
-        lines.append(f"         {name} = {_parameter_in_words(entry)}")
+        lines.append(f"         {name} = {_parameter_in_words(entry, cause.coverage)}")
     for name, change in cause.drift.items():
         errors = change["standard_errors"]
         if abs(errors) > REPORTED_DRIFT:
@@ -266,14 +266,14 @@ def _one_cause(cause: Cause) -> list[str]:
     return lines
 
 
-def _parameter_in_words(entry: dict[str, Any]) -> str:
-    """Return a size with its interval, or a fitted shape."""
+def _parameter_in_words(entry: dict[str, Any], coverage: str) -> str:
+    """Return a size with its interval and what that covers, or a fitted shape."""
     value = f"{entry['value']:.3g} {entry['unit']}".removesuffix(" -")
     if "interval" not in entry:
         return f"{value} (shape: {entry['meaning']})"
     low, high = entry["interval"]
     doubt = "" if entry["plausible"] else ", implausible size"
-    return f"{value} (95 %: {low:.3g} to {high:.3g}){doubt}"
+    return f"{value} ({coverage}: {low:.3g} to {high:.3g}){doubt}"
 
 
 def _test_lines(outcome: Outcome) -> list[str]:
