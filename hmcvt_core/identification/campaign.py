@@ -120,11 +120,11 @@ def set_aside_remarks(
             said = "the model of the rest has no answer at it"
         reading = f"{samples.efficiency[i]:.4g}"
         remarks.append(
-            f"{name} is set aside: it reads {reading}, {said} ({_point(samples, int(i))})"
+            f"{name} is rejected: it reads {reading}, {said} ({_point(samples, int(i))})"
         )
     if len(rejected) > _MAX_NAMED:
         remarks.append(
-            f"{len(rejected) - _MAX_NAMED} more samples are set aside like these"
+            f"{len(rejected) - _MAX_NAMED} more samples are rejected like these"
         )
     return remarks
 

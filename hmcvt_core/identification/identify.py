@@ -173,7 +173,7 @@ def _with_noise(samples: BenchSamples, noise: float) -> BenchSamples:
 
 
 def _fit_with_all(problem: Problem, scaled: Array) -> str:
-    """Return a sentence on the fit to all samples, those set aside included."""
+    """Return a sentence on the fit to all samples, the rejected ones included."""
     with_all, _ = problem.finish(scaled[None, :])
     values = problem.parameters(with_all)
     error = mean_error(problem.predict(with_all), problem.samples.efficiency)

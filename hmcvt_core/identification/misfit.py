@@ -30,7 +30,7 @@ FEWEST = 8
 """Fewest samples of which a misfit is estimated: refits keep twice as many as parameters."""
 
 _NEIGHBOURS = 3
-"""Next samples of which one confirms a sample that is set aside; chosen for 24 tests."""
+"""Next samples of which one confirms a sample that is rejected; chosen for 24 tests."""
 _MIN_RANGE = 1e-6
 """Range of an axis along which all samples are equal, against division by zero."""
 _OIL_RANGE = 100.0
@@ -93,7 +93,7 @@ def _coordinates(samples: BenchSamples) -> Array:
 def missed_alike(
     model: EfficiencyModel, samples: BenchSamples, belongs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which samples that are set aside show what the model misses, shape (n,).
+    """Return which rejected samples show what the model misses, shape (n,).
 
     A mistake of the bench is alone among samples that agree. What the form of the model misses, a
     neighbour shows with the same sign.

@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A refit of the model in service that keeps what the samples do not determine.
 
-1. `robust`: which samples belong together. The others are set aside. Samples at one operating point
+1. `robust`: which samples belong together. The others are rejected. Samples at one operating point
    have one vote together.
 2. `update`: the directions that the samples determine, and how far each is followed. That follows
    wear, though the errors of the model in service be small, and ignores noise, though they be
@@ -92,7 +92,7 @@ class Refit:
             has to.
         largest_change: of an efficiency within the domain, against the model in service [-].
         drift: mean change of the efficiency within the domain against the base model [-].
-        warnings: sentences on the samples set aside and on what is left open.
+        warnings: sentences on the rejected samples and on what is left open.
         held_back: the comparison on samples held back, None with fewer than four to compare.
         error_before: mean |predicted - measured| / measured of the model in service over all
             samples [-].
@@ -239,7 +239,7 @@ class _Candidate:
 
     @property
     def aside(self) -> NDArray[np.intp]:
-        """Samples set aside, from 0."""
+        """Rejected samples, from 0."""
         return np.flatnonzero(~self.belongs)
 
 
@@ -438,7 +438,7 @@ def _large_change(candidate: _Candidate) -> str | None:
 
 
 def _contradiction(candidate: _Candidate) -> str | None:
-    """Object where samples that are set aside may be right and the majority wrong.
+    """Object where rejected samples may be right and the majority wrong.
 
     A mistake of a bench leads anywhere, mostly far away. Two readings that wear could explain may
     be what is left of the unit among samples of another one.
@@ -573,7 +573,7 @@ def _doubt(candidate: _Candidate) -> str:
 
 
 def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> list[str]:
-    """Sentences on the samples set aside and on what is left open."""
+    """Sentences on the rejected samples and on what is left open."""
     warnings = gear_train_remarks(candidate.served, candidate.samples)
     warnings += set_aside_remarks(candidate.samples, candidate.aside, expected)
     if candidate.drift > _NEAR_LIMIT * candidate.drift_limit:

@@ -34,7 +34,7 @@ of the range; chosen on development campaigns."""
 _SHIFTS = np.array(list(itertools.product((0.0, 0.5), repeat=len(AXES))))
 """Grids of cells, in widths of a cell: near copies lie in one cell of at least one of them."""
 _FALSE_ALARM = 0.01
-"""Share of campaigns in which an honest sample may be set aside, at most."""
+"""Share of campaigns in which an honest sample may be rejected, at most."""
 _SMALL_SAMPLE = 5.0
 """Correction of the scatter for few samples, by Rousseeuw & Leroy: 1 + 5 / (n - p)."""
 _LEAKAGE_SHARES = (0.95, 0.9, 0.8, 0.65, 0.5, 0.3)

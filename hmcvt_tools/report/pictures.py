@@ -127,7 +127,7 @@ def draw_fit(
     if fit.prediction_error is not None:
         errors += f", {100.0 * fit.prediction_error:.2f} % held back"
     if fit.set_aside:
-        errors += f"; not drawn: {len(fit.set_aside)} set aside"
+        errors += f"; not drawn: {len(fit.set_aside)} rejected"
     ax.set(
         xlim=line,
         ylim=line,

@@ -173,10 +173,10 @@ def test_the_shipped_table_is_identified_by_stage(hmcvt, tmp_path):
     alone = [line for line in done.out.splitlines() if "alone would" in line]
     assert [line.split()[2] for line in alone] == ["F1", "F2", "F3"]
     row = MISTYPED + 1  # below the header of the bench file
-    assert f"row {row} is set aside: it reads 0.05334" in done.out
+    assert f"row {row} is rejected: it reads 0.05334" in done.out
     assert "(stage F1, displacement ratio 0.4, 188.5 rad/s" in done.out
     drawn = picture.read_text(encoding="utf-8")
-    for text in ("fitted, F1 (15)", "fitted, F3 (22)", "not drawn: 1 set aside"):
+    for text in ("fitted, F1 (15)", "fitted, F3 (22)", "not drawn: 1 rejected"):
         assert text in drawn
     refused = hmcvt("diagnose", bench)
     assert_refused(refused, "stage 'F2' is not known", "--params takes a model")

@@ -78,7 +78,7 @@ def test_bad_samples_are_named_and_do_not_count(known, rows, by):
     found = refit(spoiled(samples, rows, by), known, known)
     assert found.set_aside == tuple(rows)
     assert any(
-        text.startswith(f"sample {rows[0]} is set aside: it reads ")
+        text.startswith(f"sample {rows[0]} is rejected: it reads ")
         for text in found.warnings
     )
     assert not found.refused

@@ -37,8 +37,8 @@ def test_one_bad_sample_is_named_and_does_not_count(hm4, reading):
     fit = hmcvt.identify(with_reading(samples, 7, reading))
     assert fit.set_aside == (8,) and len(fit.samples) == 39
     expected = samples.efficiency[7]
-    sentence = next(text for text in fit.warnings if "set aside" in text)
-    start = f"sample 8 is set aside: it reads {reading:g}, the rest of the samples say "
+    sentence = next(text for text in fit.warnings if "rejected" in text)
+    start = f"sample 8 is rejected: it reads {reading:g}, the rest of the samples say "
     assert sentence.startswith(start)
     said, _, point = sentence.removeprefix(start).partition(" ")
     assert float(said) == pytest.approx(expected, abs=0.02)
@@ -132,7 +132,7 @@ def test_the_command_names_the_row(hm4, tmp_path):
     file = tmp_path / "bench.csv"
     hmcvt.write_bench(file, with_reading(campaign(hm4), 7, 0.57))
     text = run("identify", file).out
-    assert "note: row 9 is set aside: it reads 0.57, the rest" in text
+    assert "note: row 9 is rejected: it reads 0.57, the rest" in text
     data = run("identify", file, "--json").json
     assert data["set_aside"] == [8]
 
@@ -159,7 +159,7 @@ def test_a_sample_without_an_answer_is_named_in_words(hm4):
     samples = replace(campaign(hm4, count=3), rows=(2, 3, 4))
     expected = np.array([0.8, np.nan, 0.7])
     (remark,) = set_aside_remarks(samples, np.array([1]), expected)
-    assert remark.startswith("row 3 is set aside: it reads ")
+    assert remark.startswith("row 3 is rejected: it reads ")
     assert "the model of the rest has no answer at it (" in remark
 
 

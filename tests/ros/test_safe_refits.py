@@ -97,7 +97,7 @@ def test_one_bad_sample_of_twenty_is_named_and_decides_nothing(node, base):
     assert apart(served(node, reply), unit) < apart(base, unit) + 0.01
     assert reply.data["set_aside"] == [5]
     sentence = reply.data["warnings"][0]
-    assert sentence.startswith("row 6 is set aside: it reads")
+    assert sentence.startswith("row 6 is rejected: it reads")
 
     # As long as the model serves, and no longer.
     assert told(node, sentence)
