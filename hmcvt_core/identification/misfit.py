@@ -101,7 +101,7 @@ def missed_alike(
     Args:
         model: fitted to the samples that belong.
         samples: n of them.
-        belongs: which of them are not set aside, shape (n,).
+        belongs: which of them are not rejected, shape (n,).
     """
     if belongs.all():
         return ~belongs

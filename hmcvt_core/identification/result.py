@@ -25,7 +25,7 @@ class Identification:
 
     Attributes:
         model: the identified model; carries errors, domain and provenance.
-        samples: those it was fitted to, without those set aside.
+        samples: those it was fitted to, without the rejected ones.
         residuals: predicted - measured efficiency at them, shape (n,) [-].
         fit_error: mean |predicted - measured| / measured over them [-].
         prediction_error: the same over the samples held back at which the model has an answer, or
