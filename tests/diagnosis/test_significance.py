@@ -219,3 +219,11 @@ def test_a_few_speeds_far_beyond_their_meter_are_a_gap(seed):
     assert any("output_speed scatters" in note for note in found.notes)
     usual = campaign(seed=seed, n=8, noise=0.001, speed_noise=0.001)
     assert hmcvt.diagnose(BASE, usual, noise=0.001).verdict == "no_gap"
+
+
+def test_a_meter_far_off_is_said_first_where_there_is_no_gap():
+    samples = campaign(seed=1, n=24, noise=0.001, speed_noise=0.01)
+    found = hmcvt.diagnose(BASE, samples, noise=0.001)
+    assert found.verdict == "no_gap"
+    said = "The output speed scatters 10 times as much as its meter should: check that meter."
+    assert found.report().startswith(said)

@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis import Analysis, rms
 from ..detection.significance import significance
 from ..fitting.refit import refit
+from ..selection.explanation import Explanation
 from ..settings import METER_FAR_OFF, NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
 
 
@@ -18,22 +19,29 @@ def noise_notes(analysis: Analysis) -> tuple[str, ...]:
     return (*_of_first_channel(analysis), *_of_further_channels(analysis))
 
 
-def _of_further_channels(analysis: Analysis) -> tuple[str, ...]:
-    """Name the meters whose readings scatter far beyond what is assumed of them."""
-    model = analysis.posterior.base_only.plain_model
-    if analysis.significant:
-        model = analysis.posterior.entries[0][0].model
-    notes = []
+def meters_far_off(explanation: Explanation) -> dict[str, float]:
+    """Return scatter / that assumed of the meters of further channels that are far off, by name."""
+    observed = explanation.fit.observed
+    noise = explanation.plain_model.noise
+    far_off = {}
     for channel, variance in zip(
-        analysis.base.observed.channels[1:], model.noise[1:].tolist(), strict=True
+        observed.channels[1:], noise[1:].tolist(), strict=True
     ):
         ratio = math.sqrt(variance)
         if ratio >= METER_FAR_OFF:
-            notes.append(
-                f"{channel.name} scatters {ratio:.2g} times as much as its meter should: check "
-                "that meter first"
-            )
-    return tuple(notes)
+            far_off[channel.name] = ratio
+    return far_off
+
+
+def _of_further_channels(analysis: Analysis) -> tuple[str, ...]:
+    """Name the meters whose readings scatter far beyond what is assumed of them."""
+    explanation = analysis.posterior.base_only
+    if analysis.significant:
+        explanation, _ = analysis.posterior.entries[0]
+    return tuple(
+        f"{name} scatters {ratio:.2g} times as much as its meter should: check that meter first"
+        for name, ratio in meters_far_off(explanation).items()
+    )
 
 
 def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:

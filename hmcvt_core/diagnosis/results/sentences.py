@@ -11,6 +11,7 @@ from ..settings import CAUSE_FOUND_PROBABILITY
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
+from .notes import meters_far_off
 from .outcome import BASE, Outcome, Region
 
 WIDE_FRACTION = 0.75
@@ -68,6 +69,13 @@ def _no_gap_headline(outcome: Outcome) -> str:
         tests = "1 test stands" if count == 1 else f"{count} tests stand"
         return (
             f"Bench and model agree, but {tests} apart: repeat before you rely on it."
+        )
+    far_off = meters_far_off(outcome.posterior.base_only)
+    if far_off:
+        name = max(far_off, key=lambda name: far_off[name])
+        return (
+            f"The {plain(name)} scatters {far_off[name]:.2g} times as much as its meter should: "
+            "check that meter."
         )
     no_gap = outcome.posterior.no_gap
     if no_gap < CAUSE_FOUND_PROBABILITY:
