@@ -108,7 +108,7 @@ class BenchSamples(_Columns):
 
         Args:
             frame: its columns are named as those of a bench file, in SI units; others are kept as
-                text.
+                text, a missing one as the empty text.
             source: where they come from, for messages and provenance.
 
         Raises:
@@ -128,7 +128,9 @@ class BenchSamples(_Columns):
             if name in _NAMES:
                 values[name] = column.to_numpy()
             else:
-                extra[name] = tuple(str(cell) for cell in column)
+                # A missing text is an empty cell, as in a file.
+                texts = column.astype(object).where(column.notna(), "")
+                extra[name] = tuple(str(cell) for cell in texts)
         for name in REQUIRED_COLUMNS:
             if name not in values:
                 raise InputError(

@@ -969,10 +969,10 @@ def _checked_oil(oil_temperature: float | None) -> float | None:
     """Return an oil temperature [deg C] that is in range, or None.
 
     Raises:
-        InputError: it is out of range.
+        InputError: it is out of range or no number.
     """
     if oil_temperature is not None:
-        ranges.OIL_TEMPERATURE.check(oil_temperature)
+        ranges.checked_numbers(ranges.OIL_TEMPERATURE, oil_temperature)
     return oil_temperature
 
 

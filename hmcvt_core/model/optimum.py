@@ -24,7 +24,7 @@ from ..files.checks import is_path, wrong_type
 from ..physics.balance import BalanceSolver
 from ..physics.regimes import Senses
 from ..transmission import ranges
-from ..transmission.ranges import Array, OperatingPoints, Range
+from ..transmission.ranges import Array, OperatingPoints, Range, checked_numbers
 from ..transmission.stage import speed_ratio
 from .domain import Domain
 from .engine import Engine
@@ -159,8 +159,8 @@ def optimum(
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [
-        _numbers(ranges.ENGINE_SPEED, engine_speed),
-        _numbers(ranges.LOAD_TORQUE, load_torque),
+        checked_numbers(ranges.ENGINE_SPEED, engine_speed),
+        checked_numbers(ranges.LOAD_TORQUE, load_torque),
     ]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
@@ -173,9 +173,9 @@ def optimum(
             )
         best = partial(_at_output_speed, solver, (low, high))
         if output_speed is not None:
-            given.append(_numbers(ranges.OUTPUT_SPEED, output_speed))
+            given.append(checked_numbers(ranges.OUTPUT_SPEED, output_speed))
         elif displacement_ratio is not None:
-            stroke = _numbers(ranges.DISPLACEMENT_RATIO, displacement_ratio)
+            stroke = checked_numbers(ranges.DISPLACEMENT_RATIO, displacement_ratio)
             points = np.broadcast_arrays(stroke, *given)
             given.append(
                 OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1]
@@ -489,13 +489,6 @@ def _require_engine(value: object) -> None:
     if not isinstance(value, Engine):
         hint = "read it by load_engine(path)" if is_path(value) else ""
         raise wrong_type("engine", "an Engine", value, hint)
-
-
-def _numbers(limits: Range, value: ArrayLike) -> Array:
-    """Return values in range as an array; NumPy would read a text as its number."""
-    if np.asarray(value).dtype.kind in "USb":
-        raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
-    return limits.check(value)
 
 
 def _one_number(limits: Range, value: object) -> float:

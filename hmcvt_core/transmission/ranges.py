@@ -49,6 +49,18 @@ CHUNK = 8192
 """Values worked out at a time: their arrays stay in the cache of the processor."""
 
 
+def checked_numbers(limits: Range, value: ArrayLike) -> Array:
+    """Return values in range as an array.
+
+    Raises:
+        InputError: a value is out of range, a text or a truth value.
+    """
+    # NumPy would read a text as its number, and True as 1.
+    if np.asarray(value).dtype.kind in "USb":
+        raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
+    return limits.check(value)
+
+
 class OperatingPoints(NamedTuple):
     """Where the transmission works; arrays of one shape (or None), SI units.
 
@@ -75,15 +87,10 @@ class OperatingPoints(NamedTuple):
         """
         given: list[Any] = []
         for limits, value in zip(_ANY_POINT, point, strict=True):
-            # NumPy would read a text as its number, and True as 1.
-            if np.asarray(value).dtype.kind in "USb":
-                raise InputError(
-                    f"{limits.name} = {value!r} is not a number; allowed {limits}"
-                )
-            given.append(limits.check(value))
+            given.append(checked_numbers(limits, value))
         temperature = None
         if oil_temperature is not None:
-            temperature = OIL_TEMPERATURE.check(oil_temperature)
+            temperature = checked_numbers(OIL_TEMPERATURE, oil_temperature)
         names = None
         if stage is not None:
             names = np.asarray(stage, dtype=str)

@@ -14,6 +14,7 @@ from hmcvt_core.identification.annealing import AnnealingRun
 from hmcvt_core.identification.refit import refit
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.parameter_file import save_model
+from hmcvt_core.physics.formulation import PUBLISHED
 
 from ..report.pictures import draw_fit, save
 from . import common
@@ -77,8 +78,8 @@ def _sample_numbers(text: str) -> list[int]:
 @click.option(
     "--params",
     metavar="P.yaml",
-    help="Parameter file whose gear train is taken, with all its stages: BENCH.csv has a "
-    "column stage then.",
+    help="Parameter file whose gear train is taken, with all its stages and its effects as "
+    "they are: BENCH.csv has a column stage then.",
 )
 @click.option(
     "--refine",
@@ -129,7 +130,14 @@ def command(
     held_numbers = sorted(set(all_numbers).difference(fitted_numbers))
     fitted = samples.select(np.array(fitted_numbers) - 1)
     held = samples.select(np.array(held_numbers) - 1) if held_numbers else None
-    stages, _ = common.gear_train(params, transmission, stage)
+    stages, effects = common.gear_train(params, transmission, stage)
+    if effects and formulation == PUBLISHED.name:
+        names = ", ".join(effect.name for effect in effects)
+        click.echo(
+            f"note: {params}: formulation {formulation} has no effects: {names} left out",
+            err=True,
+        )
+        effects = ()
 
     tried = []
     with common.Progress("annealing") as progress:
@@ -144,6 +152,7 @@ def command(
                     stage=stages,
                     formulation=formulation,
                     gear_efficiency=gear_efficiency,
+                    effects=effects,
                     holdout=held,
                     noise=noise,
                     seed=seed,

@@ -244,6 +244,7 @@ def import_table(
     skip_bad: bool = False,
     averaged: bool = False,
     unchecked: bool = False,
+    sessions_named: bool = False,
 ) -> Imported:
     """Make bench samples of a table.
 
@@ -256,6 +257,7 @@ def import_table(
         skip_bad: leave rows out that hold no test, instead of refusing the table.
         averaged: each row is a steady test, however fast the stamps rise.
         unchecked: take values that contradict each other or look like another unit.
+        sessions_named: the caller adds the sessions, so that days do not count as such.
 
     Raises:
         InputError: a column is named twice, a unit is not that of the cells, quantities are
@@ -273,14 +275,16 @@ def import_table(
     values = _all_values(columns, table)
     notes = [*proposal.notes, *proposal.assumed]
     if not averaged:
-        if "stamp" not in values:
+        if "stamp" not in values or holds_dates_alone(values["stamp"]):
             notes += _refuse_recording(table, values)
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
     notes += _drop_empty(values, columns, table)
-    if "stamp" in values and holds_dates_alone(values["stamp"]):
+    has_sessions = sessions_named or "session" in extra
+    dated = "stamp" in values and holds_dates_alone(values["stamp"])
+    if dated and not has_sessions:
         days = days_of(values["stamp"])
-        extra.setdefault("session", list(days))
+        extra["session"] = list(days)
         notes.append(_dates_note(columns["stamp"].name, len(set(days) - {""})))
     stated = dict(values)
     into, out = powers(values)

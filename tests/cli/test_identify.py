@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 import hmcvt_core as hmcvt_library
+from hmcvt_core.physics.effects.mechanical import Churning
 
 from .running import HM4, ROOT, TABLE2, assert_refused, process
 
@@ -153,3 +154,23 @@ def test_all_stages_of_a_transmission(hmcvt, tmp_path):
     assert_refused(
         hmcvt("identify", bench, "--transmission", made, "--stage", "HM9"), "HM9", "HM4"
     )
+
+
+@pytest.mark.parametrize("formulation", ["power_balance", "published"])
+def test_the_effects_of_a_parameter_file_are_kept_or_named(
+    hmcvt, tmp_path, formulation
+):
+    effects = (Churning(torque=5.0),)
+    model = dataclasses.replace(hmcvt_library.load_model(HM4), effects=effects)
+    params, out = tmp_path / "better.yaml", tmp_path / "out.yaml"
+    hmcvt_library.save_model(model, params)
+    done = hmcvt(
+        *("identify", TABLE2, *SPLIT, "--params", params, "--out", out),
+        *("--formulation", formulation),
+    )
+    assert done.code == 0, done
+    kept = hmcvt_library.load_model(out).effects
+    if formulation == "power_balance":
+        assert kept == effects and "left out" not in done.err
+    else:
+        assert kept == () and "churning left out" in done.err

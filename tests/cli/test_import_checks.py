@@ -58,3 +58,19 @@ def test_speeds_are_checked_by_the_gears(hmcvt, table, tmp_path):
     done = hmcvt("import", table[0], "--out", out, *TAKE, "--transmission", table[1])
     assert done.code == 0, done.err
     assert "output_speed in stage R turns against the gear train" in done.out
+
+
+@pytest.mark.parametrize("own_column", [False, True])
+def test_days_are_no_sessions_where_sessions_are_named(hmcvt, tmp_path, own_column):
+    name = "session" if own_column else "Lauf"
+    lines = [f"Date,{name},stroke [%],n_engine [rpm],load torque [N m],eta [%]"]
+    for i in range(6):
+        lines.append(f"2026-03-0{1 + i // 2},{i // 3},{10 * i - 20},1500,{200 + i},75")
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(lines) + "\n")
+    out = tmp_path / "bench.csv"
+    options = () if own_column else ("--session", name)
+    done = hmcvt("import", table, "--out", out, "--yes", *options)
+    assert done.code == 0, done.err
+    assert read_bench(out).extra["session"] == ("0", "0", "0", "1", "1", "1")
+    assert "as a session" not in done.out

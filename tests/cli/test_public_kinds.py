@@ -666,3 +666,26 @@ def test_what_the_refusal_of_names_proposes_is_taken(hmcvt, tmp_path):
     proposed = re.search(r"--names '[^']+'", done.err)
     assert done.code == 2 and proposed, done
     assert shlex.split(proposed[0])[1].count(",") == 2, proposed
+
+
+@pytest.mark.parametrize("days", [0, 1, 3])
+def test_dates_alone_do_not_make_tests_of_a_recording(hmcvt, tmp_path, days):
+    turn = np.linspace(0.0, 2.0 * np.pi, 600)
+    rows = zip(
+        np.round(60.0 * np.sin(turn), 4),
+        np.round(1500.0 + 300.0 * np.sin(1.3 * turn), 3),
+        np.round(250.0 + 80.0 * np.cos(1.2 * turn), 4),
+        np.round(75.0 + 5.0 * np.sin(0.9 * turn), 4),
+        strict=True,
+    )
+    head = HEAD
+    if days:
+        head = f"Date,{HEAD}"
+        rows = [
+            (f"2026-03-{9 + i * days // 600:02d}", *row) for i, row in enumerate(rows)
+        ]
+    text = f"{head}\n" + lines(rows)
+    done, _ = imported(hmcvt, tmp_path, text)
+    assert done.code == 2 and "as a recording does" in done.err, done
+    done, found = imported(hmcvt, tmp_path, text, "--averaged")
+    assert done.code == 0 and len(found) == 600, done

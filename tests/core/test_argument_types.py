@@ -202,6 +202,31 @@ def test_a_dataframe_is_checked_as_a_file_is():
         hmcvt.BenchSamples.from_dataframe(FRAME.assign(engine_speed="fast"))
 
 
+@pytest.mark.parametrize("missing", [None, np.nan, pd.NA])
+def test_a_missing_text_is_an_empty_cell_as_in_a_file(tmp_path, missing):
+    sessions = ["1", missing] * (len(SAMPLES) // 2)
+    frame = FRAME.iloc[: len(sessions)].assign(session=sessions)
+    frame.to_csv(tmp_path / "bench.csv", index=False)
+    of_file = hmcvt.read_bench(tmp_path / "bench.csv").extra["session"]
+    assert hmcvt.BenchSamples.from_dataframe(frame).extra["session"] == of_file
+    assert set(of_file) == {"1", ""}
+
+
+@pytest.mark.parametrize("value", ["30", True, ["30"]])
+@pytest.mark.parametrize("name", ["efficiency", "breakdown", "refusal", "predict"])
+def test_an_oil_temperature_is_a_number(name, value):
+    with pytest.raises(hmcvt.InputError, match=r"oil_temperature = .* is not a number"):
+        getattr(MODEL, name)(0.3, 150.0, 200.0, oil_temperature=value)
+
+
+@pytest.mark.parametrize("value", ["30", True])
+def test_the_oil_temperature_of_an_optimum_is_a_number(value):
+    with pytest.raises(hmcvt.InputError, match=r"oil_temperature = .* is not a number"):
+        MODEL.optimal_displacement_ratio(150.0, 200.0, oil_temperature=value)
+    with pytest.raises(hmcvt.InputError, match=r"oil_temperature = .* is not a number"):
+        MODEL.optimal_drive(120.0, 4e4, oil_temperature=value)
+
+
 def test_samples_name_their_stage():
     assert SAMPLES.stage is None
     staged = replace(SAMPLES, extra={"stage": ("HM4",) * len(SAMPLES)})

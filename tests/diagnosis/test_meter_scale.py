@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from hmcvt_core.benches.transmission.change import _zero_notes
 from hmcvt_core.benches.transmission.meter_scale import with_scaled_zeros, zero_scales
 from hmcvt_core.diagnosis.observations import Observations, SharedError
 from hmcvt_core.diagnosis.results.outcome import SharedErrorEstimate
@@ -58,3 +59,15 @@ def test_only_the_meter_that_moves_is_scaled():
     scaled = with_scaled_zeros(observed, {ENGINE: 2.0})
     assert scaled.shared_errors[0, 0].tolist() == [2.0, 1.0]
     assert [error.deviation for error in scaled.shared_names] == [2.0, 4.0]
+
+
+def test_the_note_names_the_meters_beyond_their_class_alone():
+    (note,) = _zero_notes({ENGINE: 1.8, OUTPUT: 1.2})
+    assert note == (
+        "the zeros of the engine meter moved by 1.8 times their class between the sessions of "
+        "the baseline; the comparison allows for as much"
+    )
+    (note,) = _zero_notes({ENGINE: 1.6, OUTPUT: 1.7})
+    assert "engine meter or output meter moved by 1.7 times" in note
+    assert "barely distinguish the two" in note
+    assert _zero_notes({ENGINE: 1.0, OUTPUT: 1.2}) == []

@@ -235,6 +235,7 @@ def test_blocks_are_of_neighbours():
         assert 6 < len(blocks) <= 12
         within = [scaled[:, block].std(axis=1).mean() for block in blocks]
         assert np.mean(within) < 0.6 * scaled.std(axis=1).mean()
+    assert block_assignments(observed, 2**70)  # more than SciPy takes
     one, same, other = (block_assignments(observed, seed) for seed in (3, 3, 4))
     assert [part.tolist() for part in one[0]] == [part.tolist() for part in same[0]]
     assert [part.tolist() for part in one[0]] != [part.tolist() for part in other[0]]

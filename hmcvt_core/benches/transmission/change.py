@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from ..baseline import (
     judge_control,
 )
 from .channels import CHANNELS, OIL_TEMPERATURE
-from .meter_scale import zero_scales
+from .meter_scale import ZERO, zero_scales
 from .meters import with_meter_errors
 from .misfit import with_misfits
 from .readings import observe
@@ -154,14 +154,31 @@ def _sound(
             f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
         )
     zeros = zero_scales(of_sound.shared_errors)
-    large = [name for name, scale in zeros.items() if scale > NOTABLE_SCALE]
-    if large:
-        names = " and ".join(f"{name} by {zeros[name]:.1f} times" for name in large)
-        notes.append(
-            f"between the sessions of the baseline moves the {names} the class of such a meter: "
-            "the comparison expects as much of the samples"
-        )
+    notes += _zero_notes(zeros)
     return fit_sound_transmission(of_sound.model, observed, of_sound.parameters, zeros)
+
+
+def _zero_notes(zeros: Mapping[str, float]) -> list[str]:
+    """Say which torque meters had zeros beyond their class in the baseline.
+
+    The efficiency is computed from both torques, so that the zero of one meter appears as opposite
+    zeros of both. The larger scale then need not be that of the meter that moved.
+
+    Args:
+        zeros: scales of the zeros, by `zero_scales`.
+    """
+    large = [name for name, scale in zeros.items() if scale > NOTABLE_SCALE]
+    if not large:
+        return []
+    meters = " or ".join(name.removeprefix(ZERO) for name in large)
+    scale = max(zeros[name] for name in large)
+    doubt = ""
+    if len(large) > 1:
+        doubt = " (the tests barely distinguish the two)"
+    return [
+        f"the zeros of the {meters} moved by {scale:.1f} times their class between the sessions "
+        f"of the baseline{doubt}; the comparison allows for as much"
+    ]
 
 
 def _answered(

@@ -39,6 +39,9 @@ MIN_FREEDOM = 0.5
 Source: chosen; with less, the correction of the errors would rest on a few readings.
 """
 
+_SCIPY_SEEDS = 2**32
+"""Seeds that SciPy takes: from 0 to below this number."""
+
 _NEVER_KEPT = 1e-9
 """Fraction of a squared column in the kept samples up to which it is rounding."""
 
@@ -88,10 +91,20 @@ def block_assignments(observed: Observations, seed: int) -> list[list[Fold]]:
             # An empty cluster is no block; fewer blocks do as well.
             warnings.simplefilter("ignore", UserWarning)
             _, label = kmeans2(
-                scaled, min(FOLDS, points), minit="++", seed=seed + 1000 * i
+                scaled,
+                min(FOLDS, points),
+                minit="++",
+                seed=_scipy_seed(seed + 1000 * i),
             )
         assignments.append(_folds_of(label))
     return assignments
+
+
+def _scipy_seed(seed: int) -> int | np.random.Generator:
+    """Return a seed as SciPy takes it; a large one as a generator of NumPy."""
+    if seed < _SCIPY_SEEDS:
+        return seed
+    return np.random.default_rng(seed)
 
 
 def session_assignments(observed: Observations) -> list[list[Fold]]:
