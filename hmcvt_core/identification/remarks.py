@@ -9,6 +9,7 @@ import numpy as np
 from ..files.bench import BenchSamples
 from ..model.domain import AXES
 from ..model.model import EfficiencyModel
+from ..model.oil import oil_remarks
 from ..physics.formulation import FORMULATIONS
 from ..transmission.parameters import (
     PARAMETER_NAMES,
@@ -30,6 +31,7 @@ def undetermined(samples: BenchSamples, model: EfficiencyModel) -> Iterator[str]
     yield from _one_sided(samples)
     yield from _loose(model)
     yield from _tied(model)
+    yield from oil_remarks(model, samples)
 
 
 def _too_few(samples: BenchSamples) -> Iterator[str]:

@@ -12,10 +12,10 @@ import click
 
 from hmcvt_core.files import data_path, plain
 from hmcvt_core.model.model import FORMULATIONS, EfficiencyModel
+from hmcvt_core.model.oil import without_oil_temperature
 from hmcvt_core.model.operating_point import LOADS, STROKES, operating_point
 from hmcvt_core.model.parameter_file import load_model, load_stage, load_stages
 from hmcvt_core.physics.effects import Effect, load_effects
-from hmcvt_core.physics.effects.base import OIL_HOOKS
 from hmcvt_core.transmission.stage import Stage
 
 from ..report.style import picture_format, report_format
@@ -408,24 +408,17 @@ def gear_train(
 def note_oil_temperature(
     model: EfficiencyModel, oil_temperature: float | None = None
 ) -> None:
-    """Print on stderr that a given temperature has no effect, or that one is assumed."""
-    used = any(effect.acts_at(*OIL_HOOKS) for effect in model.effects)
-    needing = [effect.name for effect in model.effects if effect.needs_oil_temperature]
-    if oil_temperature is not None and not used and not needing:
+    """Print on stderr that a given temperature has no effect, or what is assumed without one."""
+    clauses = without_oil_temperature(model.effects)
+    if oil_temperature is not None and not clauses:
         click.echo(
             "note: this model has no effect of the oil temperature; --oil-temperature "
             "changes nothing",
             err=True,
         )
-    if oil_temperature is None and used:
+    if oil_temperature is None and clauses:
         click.echo(
-            "note: this model depends on the oil temperature; the answer holds at that of "
-            "its identification, 60 deg C",
-            err=True,
-        )
-    if oil_temperature is None and needing:
-        click.echo(
-            f"note: without an oil temperature, {', '.join(needing)} of this model is off",
+            f"note: without an oil temperature, {', '.join(clauses)}",
             err=True,
         )
 

@@ -222,6 +222,7 @@ def _drive_line(
 ) -> Answer:
     """Compute and write the best working points over output speeds and powers."""
     engine = None if engine_path is None else load_engine(engine_path)
+    common.note_oil_temperature(model)
     best: list[list[DriveOptimum]] = []
     rows = []
     for power in powers.tolist():

@@ -132,6 +132,7 @@ def command(
         load_vehicle(vehicle or data_path("params/vehicle.yaml")),
     )
     demand = read_cycle(cycle, drive.vehicle, step)
+    common.note_oil_temperature(drive.model)
     planned = Planned.of(drive, demand, with_bound=bound or report is not None)
     mission = planned.mission(strategy)
     if not mission.driven:

@@ -40,6 +40,7 @@ def command(params: str, out: str, bound: float) -> Answer:
     common.keep_inputs([params], [out])
     model = common.model_from(params)
     accuracy = write_page(model, out, bound)
+    common.note_oil_temperature(model)
     value = {
         "path": out,
         "fingerprint": model.fingerprint,

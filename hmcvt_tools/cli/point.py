@@ -95,6 +95,8 @@ def _compared(model: EfficiencyModel, bench: str) -> Answer:
     samples = read_bench(bench)
     stage_of_each(model.stages, samples)  # raises where a sample names no known stage
     records = common.sample_records(model, samples)
+    if samples.oil_temperature is None:
+        common.note_oil_temperature(model)
     lines = [common.sample_table(records)]
     error = mean_error(model.efficiency(*samples.points), samples.efficiency)
     if not math.isnan(error):
@@ -278,6 +280,7 @@ def _of_drive_line(
             reason += " inside the domain of the model"
         reason += _reverse_hint(model, speed)
         raise HmcvtError(f"no working point: {reason}")
+    common.note_oil_temperature(model)
     result = asdict(best)
     per_loss = result.pop("fuel_per_loss")
     lines = [

@@ -18,6 +18,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.table import csv_text
 from hmcvt_core.model.engine import Engine
 from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.oil import without_oil_temperature
 from hmcvt_core.transmission.ranges import Array
 
 from ..logs.opening import open_log
@@ -269,12 +270,22 @@ def _condition_notes(
             f"are outside the {temperatures[0]:.0f} to {temperatures[1]:.0f} deg C of the "
             "identification"
         )
+    notes += _drag_notes(model)
     if settings.wear == 0.0:
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
         notes.append("wear is not used: the model states no errors of its parameters")
     if settings.hydraulics_high == 0.0:
         notes.append("working hydraulics are not in the intervals (--hydraulics)")
+    return notes
+
+
+def _drag_notes(model: EfficiencyModel) -> list[str]:
+    """Return that drags with the oil do not follow the log, where the model has such effects."""
+    drags = [effect for effect in model.effects if effect.needs_oil_temperature]
+    notes = []
+    for clause in without_oil_temperature(drags):
+        notes.append(f"{clause}, whatever the oil temperature of the log")
     return notes
 
 

@@ -31,8 +31,8 @@ TABLE_LOAD = Range("load_torque", -500.0, 1000.0, "N m")
 """Where tables reach: what a tractor engine does, and overrun."""
 
 TABLES_REMARK = (
-    "The tables belong to the parameters as identified, and to the oil temperature of the "
-    "identification."
+    "The tables belong to the parameters as identified. Effect oil_temperature and the forms of "
+    "drag that follow the oil are taken at 60 deg C; fan_drive is off."
 )
 
 MEASURED_POINTS = 100_000

@@ -37,7 +37,7 @@ def lost_power(
         model: of formulation `power_balance`.
         engine_speed: [rad/s].
         load_torque: output power / engine speed [N m].
-        oil_temperature: [deg C]; None for that of the identification.
+        oil_temperature: [deg C]; None takes effects of the oil at 60 deg C, and `fan_drive` as off.
     """
     breakdown = model.breakdown(STROKES, engine_speed, load_torque, oil_temperature)
     parts: dict[str, Array] = {}

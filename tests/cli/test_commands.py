@@ -11,6 +11,7 @@ import pytest
 
 import hmcvt_core as hmcvt_library
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
 from hmcvt_core.transmission.ranges import RPM
 from studies.watch import stream, well_known
 
@@ -380,6 +381,40 @@ def test_oil_temperature_that_is_assumed_is_told(hmcvt, model, tmp_path, command
     assert "60 deg C" in hmcvt(*command, "--params", warm).err
     if command[0] in ("predict", "breakdown"):
         assert hmcvt(*command, "--params", warm, "--oil-temperature", "40").err == ""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("predict", *POINT), ("predict", TABLE2), ("breakdown", *POINT)],
+    ids=["point", "file", "breakdown"],
+)
+def test_only_a_fan_is_off_without_an_oil_temperature(hmcvt, model, tmp_path, command):
+    path = tmp_path / "drags.yaml"
+    effects = (ViscousBearingDrag(torque=5.0), FanDrive(torque=5.0))
+    hmcvt_library.save_model(replace(model, effects=effects), path)
+    assert hmcvt(*command, "--params", path).err == (
+        "note: without an oil temperature, effect bearing_drag is taken at 60 deg C, "
+        "effect fan_drive is off\n"
+    )
+
+
+def test_a_file_with_the_oil_temperature_needs_no_note(hmcvt, model, tmp_path):
+    path = tmp_path / "drags.yaml"
+    bench = tmp_path / "bench.csv"
+    changed = replace(model, effects=(ViscousBearingDrag(torque=5.0),))
+    hmcvt_library.save_model(changed, path)
+    bench.write_text(f"{HEADER.strip()},oil_temperature\n0.5,150,200,0.8,70\n")
+    assert hmcvt("predict", bench, "--params", path).err == ""
+
+
+def test_a_page_states_the_oil_temperature_that_is_assumed(hmcvt, model, tmp_path):
+    path = tmp_path / "drags.yaml"
+    changed = replace(model, effects=(ViscousBearingDrag(torque=5.0),))
+    hmcvt_library.save_model(changed, path)
+    page = tmp_path / "page.html"
+    done = hmcvt("page", path, "--out", page, "--bound", "5%")
+    assert "effect bearing_drag is taken at 60 deg C" in done.err
+    assert "fan_drive is off" in page.read_text(encoding="utf-8")
 
 
 def test_spaced_and_inverse_units_of_speed(hmcvt):

@@ -10,6 +10,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.identification.identify import QUICK
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.refit import FOLDS, cross_validate, folds, refit
+from hmcvt_core.physics.effects.mechanical import ViscousBearingDrag
 from hmcvt_core.transmission.parameters import from_scaled, to_scaled
 
 NOISE = 0.004
@@ -264,3 +265,14 @@ def test_no_answer_counts_as_no_power_out(new):
     assert compare(new, samples, leaking).error_in_service == pytest.approx(
         errors.mean()
     )
+
+
+def test_a_refit_states_the_oil_temperature_that_it_assumes(known):
+    served = replace(known, effects=(ViscousBearingDrag(torque=5.0),))
+    samples = campaign(served, 20, seed=3)
+    sentence = (
+        "without column oil_temperature, effect bearing_drag is taken at 60 deg C"
+    )
+    assert sentence in refit(samples, served, served).warnings
+    warm = replace(samples, oil_temperature=np.full(20, 60.0))
+    assert sentence not in refit(warm, served, served).warnings

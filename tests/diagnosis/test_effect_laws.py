@@ -13,7 +13,11 @@ from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
-from hmcvt_core.physics.effects.hydraulic import InletStarvation, ReliefValve
+from hmcvt_core.physics.effects.hydraulic import (
+    InletStarvation,
+    OilTemperature,
+    ReliefValve,
+)
 from hmcvt_core.physics.effects.mechanical import (
     AccessoryDrive,
     BearingDrag,
@@ -316,3 +320,18 @@ def test_a_drag_of_cooling_films_is_named_on_a_warming_bench():
     found = hmcvt.diagnose(BASE, samples, noise=0.001)
     assert found.verdict == "cause_found"
     assert found.sets[0].effects == ("clutch_drag",)
+
+
+@pytest.mark.parametrize("against_baseline", [False, True])
+def test_a_diagnosis_states_the_oil_temperature_that_it_assumes(against_baseline):
+    effects = (OilTemperature(1.0), FanDrive(torque=5.0))
+    model = replace(BASE, effects=effects)
+    samples = measure(random_points(5, 32))
+    baseline = measure(random_points(6, 32)) if against_baseline else None
+    diagnosis = hmcvt.diagnose(model, samples, baseline=baseline)
+    sentence = (
+        "without column oil_temperature, effect oil_temperature is taken at 60 deg C, effect "
+        "fan_drive is off"
+    )
+    assert sentence in diagnosis.notes
+    assert not diagnosis.warnings

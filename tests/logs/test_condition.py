@@ -9,10 +9,12 @@ from cli.running import run
 
 import hmcvt_core as hmcvt
 from hmcvt_core.errors import InputError
-from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
+from hmcvt_core.physics.effects.hydraulic import OilTemperature, walther_log_viscosity
+from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_tools.estimation import EstimateSettings
 from hmcvt_tools.estimation.condition import moves, outside_identified
+from hmcvt_tools.estimation.log import _drag_notes
 from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
@@ -85,6 +87,16 @@ def test_a_range_of_hydraulics_that_is_none_is_refused(tmp_path, text):
     done = run("estimate", tmp_path / "drive.log", f"--hydraulics={text}")
     assert done.code == 2
     assert "hydraulics" in done.err
+
+
+def test_drags_that_do_not_follow_the_oil_of_the_log_are_noted(identified):
+    drags = (ViscousBearingDrag(torque=5.0), FanDrive(torque=5.0))
+    assert _drag_notes(replace(identified, effects=drags)) == [
+        "effect bearing_drag is taken at 60 deg C, whatever the oil temperature of the log",
+        "effect fan_drive is off, whatever the oil temperature of the log",
+    ]
+    warm = replace(identified, effects=(OilTemperature(1.0),))
+    assert not _drag_notes(warm)
 
 
 def test_oil_temperature_of_settings_is_checked():

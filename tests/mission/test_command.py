@@ -2,9 +2,13 @@
 """`hmcvt mission`: text, JSON, files."""
 
 import csv
+from dataclasses import replace
 
 import pytest
 from cli.running import assert_refused, run
+
+import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.mechanical import FanDrive
 
 HEADER = "time,output_speed,output_power\n"
 ROWS = "".join(f"{i},{60 + i % 3},{4e4 + 100 * i}\n" for i in range(20))
@@ -54,6 +58,14 @@ def test_files(path, tmp_path):
         done = run("mission", path, "--shows", shows, "--picture", picture)
         assert done.code == 0, done.err
         assert "<svg" in picture.read_text(encoding="utf-8")
+
+
+def test_the_oil_temperature_that_is_assumed_is_stated(path, tmp_path):
+    model = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+    params = tmp_path / "drags.yaml"
+    hmcvt.save_model(replace(model, effects=(FanDrive(torque=5.0),)), params)
+    done = run("mission", path, "--params", params)
+    assert done.err == "note: without an oil temperature, effect fan_drive is off\n"
 
 
 def test_bad_input_is_refused(path, tmp_path):

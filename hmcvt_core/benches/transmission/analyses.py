@@ -17,6 +17,7 @@ from ...files.bench import BenchSamples, read_columns
 from ...files.checks import require_seed
 from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
+from ...model.oil import oil_remarks
 from ...model.plausibility import gear_train_remarks, pressure_remark
 from ...model.signs import require_signs
 from ...model.staged_samples import stage_of_each
@@ -89,6 +90,7 @@ def diagnose(
             progress=progress,
         )
     observed, notes = distinct_observations(samples, noise, stages)
+    notes += oil_remarks(model, samples)
     held_out = None
     if holdout is not None:
         held_out, more = held_out_observations(holdout, samples, stages)
@@ -132,6 +134,7 @@ def next_test(
     stages = list(model.stages)
     warnings = _warnings(model, samples)
     observed, notes = distinct_observations(samples, noise, stages)
+    notes += oil_remarks(model, samples)
     points = None
     if possible is not None:
         points = _planned_points(possible, observed, noise, stages)

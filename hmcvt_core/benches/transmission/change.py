@@ -15,6 +15,7 @@ from ...diagnosis.wording import plain
 from ...errors import InputError
 from ...files.bench import BenchSamples
 from ...model.model import EfficiencyModel
+from ...model.oil import oil_remarks
 from ...model.plausibility import gear_train_remarks
 from ..baseline import (
     ChangeDiagnosis,
@@ -75,6 +76,7 @@ def diagnose_change(
         tables.append(holdout)
     tables = _with_common_columns(tables, notes)
     samples, baseline = tables[:2]
+    notes += oil_remarks(model, samples)
     left_out, fitted = control_and_rest(baseline, seed)
     if progress is not None:
         progress("the sound transmission")

@@ -236,6 +236,8 @@ class Effect(Parametrised):
         change_only: whether it is a candidate against the baseline of a sound machine only.
         needs_oil_temperature: whether it has no size that acts where the oil temperature is not
             known; it is then no candidate.
+        assumes_oil_temperature: whether such an effect acts as at 60 deg C where a served model is
+            not given the oil temperature; otherwise it is off there.
         varied: base parameters, in proportion to their scaled variables, that differ from point to
             point where it acts; those that a bench does not have are ignored.
 
@@ -254,6 +256,7 @@ class Effect(Parametrised):
     unit_only: ClassVar[bool] = False
     change_only: ClassVar[bool] = False
     needs_oil_temperature: ClassVar[bool] = False
+    assumes_oil_temperature: ClassVar[bool] = False
     varied: ClassVar[tuple[str, ...]] = ()
 
     part: str = field(default="", kw_only=True)

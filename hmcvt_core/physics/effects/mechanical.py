@@ -84,6 +84,7 @@ class ViscousBearingDrag(BearingDrag):
 
     form = "with the oil"
     needs_oil_temperature = True
+    assumes_oil_temperature = True
 
     exponent: float = shape(
         "-", (0.67,), "power of speed in the torque", limits=(0.0, 1.0)
@@ -131,6 +132,7 @@ class ViscousChurning(Churning):
 
     form = "with the oil"
     needs_oil_temperature = True
+    assumes_oil_temperature = True
 
     oil_exponent: float = shape(
         "-", (0.21, 1.0), "power of viscosity in the torque", limits=(0.0, 1.0)
@@ -238,6 +240,7 @@ class ViscousOutputChurning(OutputChurning):
 
     form = "with the oil"
     needs_oil_temperature = True
+    assumes_oil_temperature = True
 
     oil_exponent: float = shape(
         "-", (0.21, 1.0), "power of viscosity in the torque", limits=(0.0, 1.0)
@@ -306,6 +309,7 @@ class ViscousClutchDrag(ClutchDrag):
 
     form = "output side, with the oil"
     needs_oil_temperature = True
+    assumes_oil_temperature = True
 
     oil_exponent: float = shape(
         "-", (1.0,), "power of viscosity in the torque", limits=(0.0, 1.0)
