@@ -130,7 +130,6 @@ def next_test(
         InputError: as `diagnose`.
     """
     require_model_and_samples(model, samples, possible, "possible")
-    require_seed(seed)
     stages = list(model.stages)
     warnings = _warnings(model, samples)
     observed, notes = distinct_observations(samples, noise, stages)

@@ -23,7 +23,6 @@ from ...diagnosis.system import Array, Axis, Channel, Points
 from ...files.bench import BenchSamples
 from ...model.domain import Domain
 from ...model.model import EfficiencyModel
-from ...physics.effects import library
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
 from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT, Growth
@@ -39,7 +38,7 @@ from .channels import (
 from .meter_scale import with_scaled_zeros
 from .meters import with_meter_errors
 from .readings import observe
-from .system import Transmission
+from .system import Transmission, shown_by
 
 SOUND_AXES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
 MIN_RANGE_FRACTION = 0.2
@@ -247,11 +246,7 @@ def fit_sound_transmission(
         channels.append(
             replace(channel, misfit_spread=channel.misfit_spread / CLASS_TO_DRIFT)
         )
-    has_oil_temperature = OIL_TEMPERATURE.name in observed.points
-    kinds: list[Any] = [*WEAR]
-    for kind in library():
-        if has_oil_temperature or not kind.needs_oil_temperature:
-            kinds.append(kind)
+    kinds: tuple[Any, ...] = (*WEAR, *shown_by(observed.points))
     return SoundTransmission(
         model=model,
         system=system,

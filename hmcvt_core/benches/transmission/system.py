@@ -281,13 +281,18 @@ def _missing_effects(
 ) -> tuple[AnyEffect, ...]:
     """Return the listed effects that a model has not, as far as the columns can show them."""
     present = {(effect.name, effect.form) for effect in model.effects}
-    missing = []
-    for kind in library():
-        if kind.needs_oil_temperature and OIL_TEMPERATURE.name not in read:
-            continue
-        if (kind.name, kind.form) not in present:
-            missing.append(kind())
-    return tuple(missing)
+    kinds = shown_by(read)
+    return tuple(kind() for kind in kinds if (kind.name, kind.form) not in present)
+
+
+def shown_by(read: Collection[str]) -> list[type[Effect]]:
+    """Return the listed effects that columns of these names can show."""
+    has_oil_temperature = OIL_TEMPERATURE.name in read
+    return [
+        kind
+        for kind in library()
+        if has_oil_temperature or not kind.needs_oil_temperature
+    ]
 
 
 def _grid(points: Points) -> dict[str, Array]:

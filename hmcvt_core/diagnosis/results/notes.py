@@ -45,6 +45,7 @@ def _of_further_channels(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
+    """Compare the noise of the first channel with its statement."""
     observed = analysis.base.observed
     channel = observed.channels[0]
     stated = observed.stated_noise
