@@ -6,7 +6,7 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED, agreement_of
-from studies.driver import Case, judge
+from studies.driver import Case, judge, measured
 
 from .campaigns import BASE, NOISE, campaign, fitted, with_column
 
@@ -51,6 +51,24 @@ def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, se
     answer = judge(Case(quantity, course, True, seed))
     assert answer["verdict"] == "excess_scatter"
     assert answer["time_scale"] == time_scale
+
+
+@pytest.mark.parametrize("seed", [95200011, 95200071])
+def test_a_meter_whose_zero_leaves_its_class_is_no_agreement(seed):
+    case = Case("torque meter", "session", True, seed)
+    samples, _, zero_ratio = measured(case)
+    assert zero_ratio > 3.0
+    found = hmcvt.diagnose(BASE, samples)
+    assert found.verdict == "excess_scatter"
+    assert found.agreement.of_meters_alone
+    parts = [look.part for look in found.agreement.looks]
+    assert "the zero of the engine meter" in parts
+    assert "check that meter" in found.report().split("\n\n")[0].replace("\n", " ")
+
+
+def test_a_quantity_anew_in_each_test_varies_over_no_minutes():
+    answer = judge(Case("charge pressure", "random", True, 95200025))
+    assert answer["time_scale"] == "tests", "amplitudes are dense enough for the noise"
 
 
 def test_a_loss_in_one_stage_is_no_agreement():

@@ -84,10 +84,19 @@ def _no_gap_headline(outcome: Outcome) -> str:
 
 
 def _scatter_headline(outcome: Outcome) -> str:
-    ratio = f"up to {outcome.agreement.ratio:.1f} times their stated noise"
+    agreement = outcome.agreement
+    ratio = f"up to {agreement.ratio:.1f} times their stated noise"
     sensor = "what was not recorded"
     if outcome.scatter is not None and outcome.scatter.sensor:
         sensor = outcome.scatter.sensor
+    if agreement.of_meters_alone:
+        look = max(agreement.looks, key=lambda look: look.ratio)
+        changed = (
+            f"{look.part} changed {look.ratio:.1f} times as much as its class allows"
+        )
+        return (
+            f"{changed[0].upper()}{changed[1:]}: check that meter, or record {sensor}."
+        )
     return f"The readings scatter {ratio}: check that statement, or record {sensor}."
 
 
@@ -170,6 +179,14 @@ def _no_gap(outcome: Outcome) -> str:
 
 def _excess_scatter(outcome: Outcome) -> str:
     agreement = outcome.agreement
+    if agreement.of_meters_alone:
+        looks = [f"{look.part} ({look.ratio:.2g} times)" for look in agreement.looks]
+        sentence = (
+            "Bench and model agree, but only if errors of meters changed from session to session "
+            f"by more than their class allows: {listed(looks, 'and')}"
+        )
+        scatter = outcome.scatter
+        return f"{sentence}." if scatter is None else f"{sentence}. {scatter.sentence}"
     sentence = (
         f"Along the axes that were recorded nothing explains the readings, but they scatter "
         f"up to {agreement.ratio:.2g} times as much as the noise that was stated "

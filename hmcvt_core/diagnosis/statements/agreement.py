@@ -10,7 +10,8 @@ at the stated noise. With the projector P that the refit leaves, restricted to S
 
 which a scaled chi squared matches (Satterthwaite 1946, Biometrics Bull. 2, 110). The parts are all
 samples, each stage, each session, thirds of the range of each axis, and the errors of the meters
-that the refit assumes, against the class of the meters.
+that the refit assumes, against the class of the meters: all together, and each error over the
+sessions.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Look:
         samples: how many.
         ratio: root mean square of the residuals / stated noise.
         p_value: probability of a ratio at least as large at the stated noise, over all looks.
+        of_meters: whether it is of errors that readings share, against the class of the meters.
     """
 
     channel: str
@@ -54,6 +56,7 @@ class Look:
     samples: int
     ratio: float
     p_value: float
+    of_meters: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,11 @@ class Agreement:
     ratio: float
     looks: tuple[Look, ...] = ()
 
+    @property
+    def of_meters_alone(self) -> bool:
+        """Whether the readings agree, but only with meters outside their class."""
+        return not self.holds and all(look.of_meters for look in self.looks)
+
 
 NOTHING_STATED = Agreement(stated=False, holds=True, ratio=1.0)
 
@@ -91,8 +99,8 @@ def agreement_of(fit: Fit) -> Agreement:
     rows = rows_at_statement(fit)
     n = len(observed)
     parts = [("", np.arange(n)), *_parts(observed)]
-    if observed.shared_count:
-        parts.append((METERS, rows.of_shared_errors))
+    of_readings = len(parts)
+    parts += _meters(observed, rows.of_shared_errors)
     looks = []
     for number, (words, members) in enumerate(parts):
         # Half of the level is for all samples together, half for their parts.
@@ -107,6 +115,7 @@ def agreement_of(fit: Fit) -> Agreement:
                 len(members),
                 ratio,
                 min(looks_alike * p_value, 1.0),
+                of_meters=number >= of_readings,
             )
         )
     exceeding = [look for look in looks if look.p_value <= AGREEMENT_LEVEL]
@@ -198,6 +207,26 @@ def _parts(observed: Observations) -> Iterator[tuple[str, NDArray[np.intp]]]:
     for words, members in parts:
         if REGION_SAMPLES <= members.sum() < len(observed):
             yield words, np.flatnonzero(members)
+
+
+def _meters(
+    observed: Observations, rows: NDArray[np.intp]
+) -> list[tuple[str, NDArray[np.intp]]]:
+    """Return the errors that readings share, all together and each one over the sessions.
+
+    Args:
+        observed: the readings.
+        rows: of the priors of these errors, shape (m,).
+    """
+    if not observed.shared_count:
+        return []
+    parts = [(METERS, rows)]
+    of_sessions = [item for item in observed.shared_names if item.session]
+    for name in dict.fromkeys(item.name for item in of_sessions):
+        is_alike = [item.name == name for item in observed.shared_names]
+        if sum(is_alike) > 1:
+            parts.append((f"the {name}", rows[is_alike]))
+    return parts
 
 
 def _stages(observed: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:

@@ -329,12 +329,12 @@ def _summary(
         time_scale=time_scale,
         quantities=relevant,
         sensor=sensor,
-        sentence=_sentence(agreement.ratio, time_scale, relevant, sensors),
+        sentence=_sentence(agreement, time_scale, relevant, sensors),
     )
 
 
 def _sentence(
-    ratio: float,
+    agreement: Agreement,
     time_scale: str | None,
     quantities: Sequence[tuple[str, float]],
     sensors: dict[str, str],
@@ -342,11 +342,13 @@ def _sentence(
     """Return both branches: a wrong statement, or something that varied and what would show it."""
     of_quantities = dict(quantities)
     of_axes = of_quantities.get(BASE_MODEL, 0.0) + of_quantities.get(UNLISTED, 0.0)
+    wrong = f"the noise is stated {agreement.ratio:.2g} times too small"
+    if agreement.of_meters_alone:
+        wrong = "a meter is outside its class"
     if of_axes > LIKELY:
         return (
             f"The base model is off along the axes ({probability(of_axes)}), by less than a cause "
-            f"would need; or the noise is stated {ratio:.2g} times too small, or something varied "
-            "that was not recorded."
+            f"would need; or {wrong}, or something varied that was not recorded."
         )
     known = [(name, p) for name, p in quantities if name in sensors]
     over = "" if time_scale is None else f" {_OVER[time_scale]}"
@@ -354,4 +356,4 @@ def _sentence(
     if known:
         named = [f"{name} ({probability(p)})" for name, p in known[:2]]
         varied += f", perhaps {listed(named)}: record {sensors[known[0][0]]}"
-    return f"Either the noise is stated {ratio:.2g} times too small, or {varied}."
+    return f"Either {wrong}, or {varied}."
