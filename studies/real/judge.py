@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from hmcvt_core.benches.unit import UnitChange, UnitDiagnosis, diagnose_unit
 from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.diagnosis.results.outcome import NAMING
+from hmcvt_core.errors import InputError
 
 from .rig import SOUND_COOLER, Mask, Rig
 
@@ -25,8 +27,12 @@ TRUE_EFFECT = "orifice_leakage"
 """The leak of the rig is an orifice."""
 WRONG_PROBABILITY = 0.8
 """Probability from which a wrong part counts as stated."""
-BAND = 0.7
-"""Fraction of the largest pressure above which samples are held out."""
+BANDS = ((0.7, "high"), (0.3, "low"))
+"""Fraction of the largest pressure or speed beyond which samples are held out, on that side."""
+WORSE = 1.02
+"""Ratio of errors above which the saved model counts as worse than the paper's terms."""
+INTERVAL = 1.959964
+"""Deviations of an interval of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,9 @@ class BandRun:
         base: error of the paper's terms in the band [L/min] or [N m].
         served: error of the saved model.
         leading: leading set of effects.
+        side: end of the axis, `high` or `low`.
+        points: samples of the band.
+        inside: those inside the 95 % interval of the saved model.
     """
 
     unit: str
@@ -71,6 +80,9 @@ class BandRun:
     base: float
     served: float
     leading: str
+    side: str = "high"
+    points: int = 0
+    inside: int = 0
 
     @property
     def removed(self) -> float:
@@ -135,10 +147,23 @@ def poor_coolers(rig: Rig, with_temperature: bool) -> list[Run]:
 
 
 def bands(name: str, samples: UnitSamples) -> list[BandRun]:
-    """Fit a unit below a part of its largest pressure and speed, and predict it above."""
+    """Fit a unit without the highest or lowest part of an axis, and predict that part.
+
+    Where there is no gap, the paper's terms are kept and have no interval.
+    """
     runs = []
-    for axis in ("pressure", "speed"):
-        answer = diagnose_unit(*samples.divided(axis, BAND))
+    for axis, (part, side) in itertools.product(("pressure", "speed"), BANDS):
+        values = getattr(samples, axis)
+        held_out = values > part * values.max()
+        if side == "low":
+            held_out = ~held_out
+        if held_out.all() or not held_out.any():
+            continue
+        beyond = samples.select(held_out)
+        try:
+            answer = diagnose_unit(samples.select(~held_out), beyond)
+        except InputError:
+            continue  # too few samples, or too low a pressure, remain
         assert isinstance(answer, UnitDiagnosis)
         for channel, factor in (("flow", 6e4), ("torque", 1.0)):
             row = answer.rmse[channel]
@@ -146,11 +171,30 @@ def bands(name: str, samples: UnitSamples) -> list[BandRun]:
             served = row["holdout_with_effects"]
             if base is None or served is None:
                 continue
-            leading = _leading(answer.diagnosis)
             runs.append(
-                BandRun(name, axis, channel, factor * base, factor * served, leading)
+                BandRun(
+                    name,
+                    axis,
+                    channel,
+                    factor * base,
+                    factor * served,
+                    _leading(answer.diagnosis),
+                    side,
+                    *_inside(answer, beyond, f"{channel}_loss"),
+                )
             )
     return runs
+
+
+def _inside(
+    answer: UnitDiagnosis, samples: UnitSamples, channel: str
+) -> tuple[int, int]:
+    """Return the samples, and those inside the 95 % interval of the saved model."""
+    if answer.served is None:
+        return 0, 0
+    error = getattr(samples, channel) - answer.served.predict(samples)[channel]
+    deviation = answer.served.deviation(samples)[channel]
+    return len(error), int(np.sum(np.abs(error) <= INTERVAL * deviation))
 
 
 def _kind(word: str, with_temperature: bool) -> str:

@@ -128,17 +128,25 @@ class ServedUnit:
     def deviation(self, samples: UnitSamples) -> dict[str, Array]:
         """Return standard deviations of the prediction by channel, shape (n,) each.
 
-        They are the errors of the mixture at samples left out, of noise and form error. Beyond the
-        samples they grow in proportion to the distance, in widths of the band that was left out.
+        Their variance is the squared error of the mixture at samples left out, plus the variance of
+        the models around the mixture (Hoeting et al. 1999, Stat. Sci. 14, 382, eq. 2). Beyond the
+        samples the error grows in proportion to the distance, in widths of the band left out.
         """
         distances = self._distances(samples)
         parts = self._parts_of_bands(samples)
         growth = np.maximum(distances, 1.0) ** 2
+        predictions = {
+            name: model.predict(samples) for name, model in self.models.items()
+        }
+        mixture = self.predict(samples)
         deviations = {}
         for channel in self.bands[0].errors:
             variance = np.zeros(len(samples))
             for part, factor, band in zip(parts, growth, self.bands, strict=True):
                 variance += part * factor * band.errors[channel]["served"] ** 2
+                for name, weight in band.models[channel].items():
+                    apart = predictions[name][channel] - mixture[channel]
+                    variance += part * weight * apart**2
             deviations[channel] = np.sqrt(variance)
         return deviations
 
