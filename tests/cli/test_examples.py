@@ -47,6 +47,18 @@ PARSED_ONLY = {
     "transmission new": "asks questions; run by tests/cli/test_transmission.py",
     "--scheduler": "needs a Dask cluster; run by tests/fleet/test_cluster.py",
 }
+RUN_BY_TEST_LONG = (
+    "study",
+    "unit",
+    "diagnose stages.csv",
+    "diagnose bench.csv --noise",
+    "diagnose bench.csv --params",
+    "diagnose data/simulated.csv --save-model",
+    "fleet fleet/logs",
+)
+"""Beginnings of command lines that `make test` only parses: other tests run what they run."""
+LONG_PAGES = ("api-diagnosis.md", "gallery.md")
+"""Pages whose Python takes half a minute."""
 EXTERNAL = {
     "colcon": "builds a ROS workspace: make colcon",
     "cp": "part of the tutorial, which is run",
@@ -285,7 +297,23 @@ def _skip_without_tools_for_an_fmu():
         pytest.skip("no C compiler")
 
 
-@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def _is_long(case):
+    return " ".join(case).startswith(RUN_BY_TEST_LONG)
+
+
+def _marked(item, is_long):
+    return pytest.param(item, marks=[pytest.mark.long] if is_long else [])
+
+
+@pytest.mark.parametrize("case", list(filter(_is_long, CASES)), ids=" ".join)
+def test_long_example_is_parsed(workplace, case):
+    name, *arguments = case
+    _command(name).make_context(name, list(arguments))
+
+
+@pytest.mark.parametrize(
+    "case", [_marked(case, _is_long(case)) for case in CASES], ids=" ".join
+)
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
     if "fmu" in case:
@@ -403,7 +431,11 @@ def _python(path):
     return re.findall(r"```python\n(.*?)```", path.read_text("utf-8"), re.DOTALL)
 
 
-@pytest.mark.parametrize("path", _pages_with_python(), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path",
+    [_marked(path, path.name in LONG_PAGES) for path in _pages_with_python()],
+    ids=lambda path: path.name,
+)
 def test_python_of_a_page(workplace, path):
     if path.name == "export.md":
         _skip_without_tools_for_an_fmu()

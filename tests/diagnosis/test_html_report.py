@@ -630,6 +630,7 @@ def page_of_stages() -> str:
     return html(of_stages())
 
 
+@pytest.mark.long
 def test_page_and_report_of_several_stages() -> None:
     found = of_stages()
     shown = page_of_stages()
@@ -702,6 +703,7 @@ def figure_of(shown: str, identity: str) -> str:
     return found[0]
 
 
+@pytest.mark.long
 def test_picture_of_many_stages_and_axes_keeps_a_readable_size() -> None:
     from matplotlib.figure import Figure
 

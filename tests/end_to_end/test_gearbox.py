@@ -206,6 +206,7 @@ def test_the_fmu_answers_as_the_model(study):
         assert sense * result["output_speed"][-1] > 0.0
 
 
+@pytest.mark.long
 def test_a_year_later_unchanged(place, gears, bench, study):
     hmcvt.write_bench(place / "sound.csv", tables.samples(bench[1]))
     later = year_later(place, gears, MACHINE, "unchanged")

@@ -9,10 +9,10 @@ from studies.stability import FIRST_SEED, Case, Record, compared, differences, r
 @pytest.mark.parametrize(
     "case",
     [
-        Case("bench", 3, FIRST_SEED),
-        Case("bench", 7, FIRST_SEED),
+        pytest.param(Case("bench", 3, FIRST_SEED), marks=pytest.mark.long),
+        pytest.param(Case("bench", 7, FIRST_SEED), marks=pytest.mark.long),
         Case("bench", 11, FIRST_SEED),
-        Case("twin", 4, FIRST_SEED),
+        pytest.param(Case("twin", 4, FIRST_SEED), marks=pytest.mark.long),
     ],
     ids=str,
 )
