@@ -39,6 +39,7 @@ def record(kind, truth, leading, **others):
         "met": 0.88,
         "true_gap": 0.01,
         "left_gap": 0.0035,
+        "level": 0.001,
         "members": [[leading, 0.96]] if leading else [],
         "correlation": 0.97,
         "seconds": 2.0,
@@ -49,6 +50,16 @@ def record(kind, truth, leading, **others):
 def row(records, what):
     lines = score_table(records).splitlines()
     return next(line for line in lines if line.startswith(f"| {what} |"))
+
+
+def test_a_worse_model_of_a_small_gap_is_counted_apart():
+    small = record(
+        "single", ["churning"], ["churning"], true_gap=0.0015, left_gap=0.002
+    )
+    large = record("single", ["churning"], ["churning"])
+    assert "1/2" in row([small, large], "served: not worse than the base")
+    beyond = "the same, gap above twice the level of the meters"
+    assert "1/1" in row([small, large], beyond)
 
 
 def test_effects_that_no_test_distinguishes_are_one_class():

@@ -34,6 +34,10 @@ ATTEMPTS = 24
 GROWTH = 1.4
 #: Campaigns of one seed are drawn from this many seeds.
 SEEDS = 1000
+#: Deviation of the zero of a torque meter of class 0.1 whose range is 1.5 times the largest torque,
+#: as a part of that torque; and of its gain.
+CLASS_ZERO = 0.0015
+CLASS_GAIN = 0.001
 
 
 class Hidden(Protocol):
@@ -123,12 +127,35 @@ def judge(case: Case) -> dict[str, Any]:
         found = hmcvt.diagnose(model, samples)
     seconds = time.process_time() - start
     answer = found.to_dict()
+    fresh = fresh_state(campaign, FRESH_TESTS)
     return {
         **_hidden(case, campaign, confusion),
         **answered(answer, campaign.layout.output_coupled),
         "seconds": seconds,
-        **compared(campaign, fresh_state(campaign, FRESH_TESTS), found, model),
+        "level": level_of_meters(campaign, *fresh[1:]),
+        **compared(campaign, fresh, found, model),
     }
+
+
+def level_of_meters(campaign: Campaign, settings: Settings, state: State) -> float:
+    """Return how well two torque meters of class 0.1 fix the mean of the efficiency [-].
+
+    The standard deviation of that mean, after as many sessions as the campaign has. No analysis of
+    the readings knows it better: a mean is what zeros and gains in common to the sessions leave.
+
+    Args:
+        campaign: with its sessions.
+        settings: of the tests over which the mean is.
+        state: of these.
+    """
+    efficiency = np.abs(state.efficiency(settings.engine_speed))
+    variance = 0.0
+    for torque in (np.abs(state.engine_torque), np.abs(state.output_torque)):
+        of_zero = CLASS_ZERO * np.nanmax(torque) * np.nanmean(efficiency / torque)
+        of_gain = CLASS_GAIN * np.nanmean(efficiency)
+        variance += of_zero**2 + of_gain**2
+    sessions = len(np.unique(campaign.programme.session))
+    return float(np.sqrt(variance / sessions))
 
 
 def _hidden(case: Case, campaign: Campaign, confusion: Confusion) -> dict[str, Any]:

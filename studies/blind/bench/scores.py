@@ -102,6 +102,13 @@ def not_worse(record: Record) -> bool:
     return bool(record["left_gap"] <= WORSE * record["true_gap"])
 
 
+def not_worse_beyond_meters(record: Record) -> bool | None:
+    """Whether `not_worse`, of gaps above twice what meters leave of the level."""
+    if record["true_gap"] <= 2.0 * record["level"]:
+        return None
+    return not_worse(record)
+
+
 def interval_holds(record: Record) -> bool | None:
     """Whether the interval of the removal holds that at fresh tests."""
     if not named(record) or record["interval"] is None:
@@ -228,6 +235,13 @@ LINES: tuple[Share | Figure, ...] = (
         _median,
     ),
     Share("served: not worse than the base", "at least 97 %", _EVERY, not_worse, False),
+    Share(
+        "the same, gap above twice the level of the meters",
+        "at least 97 %",
+        _EVERY,
+        not_worse_beyond_meters,
+        False,
+    ),
     Share(
         "interval of the promise holds", "90 to 98 %", _LISTED, interval_holds, False
     ),
