@@ -109,8 +109,12 @@ def _at_largest_gap(outcome: Outcome) -> str:
 
 def _cost(outcome: Outcome) -> str:
     """Say what the named members cost; nothing where that is not known."""
-    if outcome.named is not None and outcome.named.component == "sensor":
-        return ", a meter, not a loss"
+    named = outcome.named
+    if named is not None and named.component == "sensor":
+        # A class may hold a meter and a loss that no test distinguishes from it.
+        of_class = [item for item in outcome.members if named.effect in item.effects]
+        is_meter = all(item.component == "sensor" for item in of_class)
+        return ", a meter, not a loss" if is_meter else ""
     if outcome.lost_power is None:
         return ""
     watts = abs(float(f"{outcome.lost_power:.2g}"))

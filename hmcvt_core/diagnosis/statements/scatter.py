@@ -48,7 +48,9 @@ SESSIONS = "sessions"
 """Time scales."""
 HOUR = 3600.0
 FIELD_LENGTHS = (0.2, 0.5)
-"""Lengths of a loss along the axes, as parts of their ranges; chosen, narrow and wide."""
+"""Lengths of a loss along all axes, as parts of their ranges; chosen, narrow and wide."""
+RESONANCE_LENGTHS = (0.08, 1.0)
+"""Lengths of a loss in a narrow band of one axis: along that axis, and along the others; chosen."""
 _OVER = {
     TESTS: "from test to test",
     MINUTES: "over minutes",
@@ -129,8 +131,8 @@ def excess_scatter(
         _Rival(NOISE, TESTS, evidence.of_channel()),
         _Rival(BASE_MODEL, None, evidence.of_base_model()),
     ]
-    for length in FIELD_LENGTHS:
-        rivals.append(_Rival(UNLISTED, None, evidence.of_field(length)))
+    for lengths in _lengths_of_fields(len(observed.steered)):
+        rivals.append(_Rival(UNLISTED, None, evidence.of_field(lengths)))
     if unlisted is not None:
         changes = unlisted.columns(observed)
         rivals.append(_Rival(UNLISTED, None, evidence.of_changes(changes)))
@@ -202,6 +204,17 @@ def _kernels(observed: Observations) -> list[_Kernel]:
     return kernels
 
 
+def _lengths_of_fields(axes: int) -> list[Array]:
+    """Return the lengths of the losses along so many axes, shape (axes,) each."""
+    fields = [np.full(axes, length) for length in FIELD_LENGTHS]
+    narrow, wide = RESONANCE_LENGTHS
+    for axis in range(axes):
+        lengths = np.full(axes, wide)
+        lengths[axis] = narrow
+        fields.append(lengths)
+    return fields
+
+
 def _root(covariance: Array) -> Array:
     """Return a matrix whose product with its transpose is a covariance, shape (n, n)."""
     values, vectors = np.linalg.eigh(covariance)
@@ -227,14 +240,14 @@ class _Evidence:
         """Return that of a base model whose first channel is smoothly off."""
         return self._of_first_channel(self.observed.smooth.at_campaign)
 
-    def of_field(self, length: float) -> float:
+    def of_field(self, lengths: Array) -> float:
         """Return that of a loss that is a smooth field over the axes.
 
         Args:
-            length: over which it changes, as a part of the range of each axis.
+            lengths: over which it changes, as a part of the range of each axis, shape (axes,).
         """
         scaled = (scaled_to_extent(self.observed.coordinates) + 1.0) / 2.0
-        apart = (scaled[:, :, None] - scaled[:, None, :]) / length
+        apart = (scaled[:, :, None] - scaled[:, None, :]) / lengths[:, None, None]
         covariance = np.exp(-0.5 * np.sum(apart**2, axis=0))
         for axis in self.observed.axes:
             if axis.labels:
