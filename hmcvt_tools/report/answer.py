@@ -190,7 +190,8 @@ def next_step(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "no_gap":
         return ["No test is needed: there is no gap to explain."]
     if diagnosis.verdict == "excess_scatter" and diagnosis.scatter is not None:
-        return [f"To find out: {diagnosis.scatter.sensor}."]
+        sensor = diagnosis.scatter.sensor or "what may have varied"
+        return [f"Check the stated noise, or record {sensor} with each test."]
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]

@@ -6,6 +6,9 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED, agreement_of
+from studies.blind.bench.judge import Case as BenchCase
+from studies.blind.bench.judge import draw, served
+from studies.blind.bench.properties import Bench
 from studies.driver import Case, judge, measured
 
 from .campaigns import BASE, NOISE, campaign, fitted, with_column
@@ -99,3 +102,13 @@ def test_a_loss_in_one_stage_is_no_agreement():
     )
     found = hmcvt.diagnose(tractor, samples)
     assert found.verdict != "no_gap"
+
+
+def test_a_resonance_in_a_narrow_band_of_speed_is_no_scatter():
+    """A few tests are off, and they lie side by side along one axis alone."""
+    bench, _ = draw(BenchCase("unlisted", 99840117, Bench()))
+    assert bench.truth.names == ("torsional_resonance",)
+    found = hmcvt.diagnose(*served(bench))
+    assert found.verdict == "unexplained"
+    low, high = found.where[0].limits["engine_speed"]
+    assert high - low < 40.0

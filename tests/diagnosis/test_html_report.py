@@ -66,7 +66,7 @@ SCATTER = ExcessScatter(
     channel="efficiency",
     time_scale="minutes",
     quantities=(("oil_temperature", 0.64), ("charge_pressure", 0.2)),
-    sensor="record the oil temperature with each test",
+    sensor="the oil temperature",
     sentence="Readings scatter 2.4 times their stated noise, over minutes.",
 )
 DISAGREEMENT = Agreement(
@@ -679,7 +679,7 @@ def test_answer_names_every_kind_of_verdict() -> None:
     scatter = text("excess_scatter")
     assert "Scatter above its statement" in scatter
     assert "What may have varied oil temperature 64 %" in scatter
-    assert "To find out: record the oil temperature with each test." in scatter
+    assert "record the oil temperature with each test." in scatter
     assert "efficiency session 2 16 3.4 0.002" in scatter
 
 

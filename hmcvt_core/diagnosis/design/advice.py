@@ -13,7 +13,7 @@ from ...files import preformatted
 from ..selection.search import Names
 from ..settings import MIN_TEST_GAIN
 from ..system import Axis
-from ..wording import listed, probability, wrapped
+from ..wording import listed, plain, probability, wrapped
 from .classes import EffectClass, merge_sets, with_probabilities
 
 NO_GAP_WORTH_A_TEST = "no gap worth a test"
@@ -176,7 +176,7 @@ class Advice:
         else:
             lines += [
                 f"next test: {test_in_words(self.tests[0], self.axes)}; "
-                f"read {listed(self.channels, 'and')}",
+                f"read {listed(list(map(plain, self.channels)), 'and')}",
                 f"about {self.tests_expected} more tests until it is settled",
             ]
         if self.measure is not None:
