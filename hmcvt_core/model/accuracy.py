@@ -46,13 +46,13 @@ def misfit(
             (n,); NaN without an answer.
         noise: standard deviation of the measured efficiency [-], shape (n,) or scalar.
         parameter_errors: standard error of the prediction from the parameters [-], shape (n,) or
-            scalar.
+            scalar; NaN where other parameters have no answer: such samples do not count.
         gap: root mean square of what is missed beyond the noise, where it is known otherwise [-].
 
     Returns:
         `gap` where no sample has an answer; 0 where there is no error, noise or gap.
     """
-    answered = np.isfinite(errors)
+    answered = np.isfinite(errors) & np.isfinite(parameter_errors)
     if not answered.any():
         return gap
     squares = errors[answered] ** 2

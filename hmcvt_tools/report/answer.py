@@ -191,7 +191,10 @@ def next_step(diagnosis: Diagnosis) -> list[str]:
         return ["No test is needed: there is no gap to explain."]
     if diagnosis.verdict == "excess_scatter" and diagnosis.scatter is not None:
         sensor = diagnosis.scatter.sensor or "what may have varied"
-        return [f"Check the stated noise, or record {sensor} with each test."]
+        checked = "the stated noise"
+        if diagnosis.agreement.of_meters_alone:
+            checked = "that meter"
+        return [f"Check {checked}, or record {sensor} with each test."]
     named = diagnosis.named
     if not diagnosis.next_tests and named is not None and named.remedy:
         return [f"To settle it: {named.remedy}."]

@@ -182,3 +182,9 @@ def test_refit_measures_the_misfit_anew(model):
     many = refit(bench(model, 60, wave=WAVE), known, known)
     assert many.model.misfit == pytest.approx(WAVE, rel=0.25)
     assert many.model.provenance["misfit_noise"] == "stated"
+
+
+def test_samples_whose_standard_error_is_unknown_do_not_count():
+    errors = np.array([0.01, -0.01, 0.012, 0.5])
+    known = misfit(errors[:3], NOISE, np.full(3, 0.001))
+    assert misfit(errors, NOISE, np.array([0.001, 0.001, 0.001, np.nan])) == known
