@@ -33,7 +33,7 @@ from ..transmission.parameters import (
     HydraulicParameters,
     Parameters,
 )
-from ..transmission.quantities import PREDICTED
+from ..transmission.quantities import PREDICTED, holds_numbers
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .breakdown import Breakdown
@@ -341,7 +341,9 @@ class EfficiencyModel:
         )[2]
         if type(torque) is float:
             return float(engine_speed) * (torque - float(load_torque))  # type: ignore[arg-type]
-        return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
+        load = np.asanyarray(load_torque, dtype=float)
+        speed = np.asanyarray(engine_speed, dtype=float)
+        return _plain(speed * (torque - load))
 
     def _answer(
         self,
@@ -569,6 +571,9 @@ class EfficiencyModel:
         slopes = np.empty((*np.shape(efficiency), len(self.neighbours)))
         for i, (steps, model) in enumerate(self.neighbours):
             slopes[..., i] = (model.efficiency(*point) - efficiency) * steps
+        if isinstance(efficiency, np.ma.MaskedArray):
+            mask = np.ma.getmaskarray(efficiency)[..., None]
+            return efficiency, np.ma.masked_array(slopes, mask=_spread(mask, slopes))
         return efficiency, slopes
 
     @cached_property
@@ -752,9 +757,10 @@ class EfficiencyModel:
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
+        given = (displacement_ratios, engine_speeds, load_torques)
         axes = [
-            np.atleast_1d(np.asarray(axis, dtype=float))
-            for axis in (displacement_ratios, engine_speeds, load_torques)
+            np.atleast_1d(limits.check(axis))
+            for limits, axis in zip(ranges.ANY_POINT, given, strict=True)
         ]
         for name, axis in zip(AXES, axes, strict=True):
             if axis.ndim != 1 or axis.size == 0:
@@ -955,6 +961,8 @@ def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int,
         array = np.asarray(value)
         if array.dtype.kind not in "fiu" or array.size > _FEW:
             return [()], ()
+        if type(value) is not np.ndarray and not holds_numbers(value):
+            return [()], ()
         if array.ndim == 0:
             columns.append(repeat(float(array)))
             continue
@@ -972,7 +980,7 @@ def _checked_oil(oil_temperature: float | None) -> float | None:
         InputError: it is out of range or no number.
     """
     if oil_temperature is not None:
-        ranges.checked_numbers(ranges.OIL_TEMPERATURE, oil_temperature)
+        ranges.OIL_TEMPERATURE.check(oil_temperature)
     return oil_temperature
 
 

@@ -78,10 +78,51 @@ def test_degrees_of_freedom_below_one_are_refused(four, wrong):
         replace(four.model, degrees_of_freedom=wrong)
 
 
-@pytest.mark.parametrize("wrong", ["0.3", True, ["0.1", "0.2"], np.array([True])])
-def test_texts_and_booleans_are_no_strokes(model, wrong):
+NO_NUMBERS = [
+    "0.3",
+    True,
+    ["0.1", "0.2"],
+    np.array([True]),
+    [0.3, True],
+    [[0.3], [np.True_]],
+    np.array([0.3, True], dtype=object),
+    0.3 + 0.1j,
+    np.array([0.3 + 0.1j]),
+    np.timedelta64(0, "s"),
+]
+
+
+@pytest.mark.parametrize("wrong", NO_NUMBERS)
+def test_what_is_no_number_is_no_stroke(model, wrong):
+    calls = (
+        model.efficiency,
+        model.power_loss,
+        model.breakdown,
+        model.predict,
+        model.efficiency_map,
+    )
+    for call in calls:
+        with pytest.raises(InputError, match="displacement_ratio"):
+            call(wrong, 146.6, 200.0)
     with pytest.raises(InputError, match="displacement_ratio"):
-        model.efficiency(wrong, 146.6, 200.0)
+        model.optimal_displacement_ratio(
+            146.6, 200.0, hold="output_speed", displacement_ratio=wrong
+        )
+
+
+@pytest.mark.parametrize("wrong", NO_NUMBERS)
+def test_what_is_no_number_is_no_speed_torque_or_level(model, wrong):
+    engine = hmcvt.load_engine(data_path("params/engine.yaml"))
+    calls = (
+        lambda: model.interval(*POINT, level=wrong),
+        lambda: model.optimal_drive(wrong, 40e3),
+        lambda: engine.full_load_torque(wrong),
+        lambda: engine.fuel_rate(150.0, wrong),
+        lambda: engine.interpolation_error(wrong, 200.0),
+    )
+    for call in calls:
+        with pytest.raises(InputError, match="is not a number"):
+            call()
 
 
 @pytest.mark.parametrize("wrong", [10**400, 2, np.float32(1.5), np.int64(-2)])
@@ -118,6 +159,24 @@ def test_masked_points_stay_masked(four):
     assert efficiency[0] == four.model.efficiency(0.5, 146.6, 200.0)
     assert four.model.predict(strokes, 146.6, 200.0).standard_error.mask.any()
     assert four.model.power_loss(strokes, 146.6, 200.0).mask[1]
+    _, slopes = four.model.sensitivity(strokes, 146.6, 200.0)
+    assert slopes.mask[1].all()
+    assert not slopes.mask[0].any()
+
+
+def test_masked_values_are_refused_where_no_mask_is_kept(four):
+    model = four.model
+    masked = np.ma.masked_array([0.5, 0.6], mask=[False, True])
+    speeds = np.ma.masked_array([150.0, 160.0], mask=[False, True])
+    calls = (
+        lambda: model.breakdown(masked, 146.6, 200.0),
+        lambda: model.optimal_displacement_ratio(speeds, 200.0),
+        lambda: model.efficiency_map(masked, [146.6], [200.0]),
+        lambda: replace(four.samples.select([0, 1]), displacement_ratio=masked),
+    )
+    for call in calls:
+        with pytest.raises(InputError, match="masked"):
+            call()
 
 
 @pytest.fixture(scope="module")
