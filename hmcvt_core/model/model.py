@@ -106,6 +106,8 @@ class EfficiencyModel:
             state it [-]; 0 where there is none.
         degrees_of_freedom: of the scatter behind the standard errors; None where it is known or
             stated, so that errors are normal. `interval` and `parameter_intervals` use it.
+        intervals: of the parameters at 90 % by name, (low, high), by profile likelihood; empty
+            where standard errors stand for them.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -124,6 +126,7 @@ class EfficiencyModel:
     misfit: float = 0.0
     remainder_deviation: float = 0.0
     degrees_of_freedom: float | None = None
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
@@ -547,6 +550,7 @@ class EfficiencyModel:
         """Interval of each parameter, (low, high), in its unit; empty where errors are not known.
 
         None is below 0 or beyond the range of the parameter: at a bound the interval is one-sided.
+        That of another level than 90 % has either side of `intervals` in proportion to Student's t.
 
         Args:
             level: probability that the interval holds the parameter.
@@ -558,8 +562,16 @@ class EfficiencyModel:
         for limits in PARAMETER_RANGES:
             value = getattr(self.parameters, limits.name)
             error = half * self.standard_errors[limits.name]
-            low = max(value - error, limits.low)
-            intervals[limits.name] = (low, min(value + error, limits.high))
+            below, above = error, error
+            low, high = self.intervals.get(limits.name, (math.inf, -math.inf))
+            # Parameters that were changed since may lie outside.
+            if low <= value <= high:
+                scale = half / half_width(self.degrees_of_freedom)
+                below, above = scale * (value - low), scale * (high - value)
+            intervals[limits.name] = (
+                max(value - below, limits.low),
+                min(value + above, limits.high),
+            )
         return intervals
 
     def sensitivity(self, *point: Any) -> tuple[Any, Array]:
@@ -838,6 +850,8 @@ class EfficiencyModel:
             "formulation": self.formulation,
             "parameters": self.parameters.to_mapping(self.standard_errors),
         }
+        for name, ends in self.intervals.items():
+            data["parameters"][name]["interval_90"] = list(map(float, ends))
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.degrees_of_freedom is not None:

@@ -36,6 +36,7 @@ _ROUNDED = 1e-5  # a matrix in a file has six digits
 # The keys of each section; None where any key may follow. "*" is every other name.
 _PATH = dict.fromkeys(("gear_pairs", "direction", "member"))
 _QUANTITY = dict.fromkeys(("value", "unit", "standard_error"))
+_PARAMETER = {**_QUANTITY, "interval_90": None}
 _GEAR_TRAIN = {
     "gear_pairs": None,
     "gear_efficiency": None,
@@ -72,7 +73,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
             )
         ),
         "served": None,  # what a node adds on its topic ~/model
-        "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
+        "parameters": dict.fromkeys(PARAMETER_NAMES, _PARAMETER),
         "effects": dict.fromkeys(("effect", "form", "part", "stage", "parameters")),
         "domain": dict.fromkeys(AXES),
         "transmission": _GEAR_TRAIN,
@@ -169,7 +170,7 @@ def _undated(model: EfficiencyModel) -> dict[str, Any]:
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     file = Section(data)
     parameters = file.section("parameters")
-    values, errors = [], {}
+    values, errors, intervals = [], {}, {}
     for name in PARAMETER_NAMES:
         entry = parameters.section(name)
         values.append(
@@ -177,6 +178,8 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         )
         if "standard_error" in entry.data:
             errors[name] = entry.number("standard_error", low=0.0)
+        if "interval_90" in entry.data:
+            intervals[name] = _pair(entry, "interval_90")
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
@@ -203,6 +206,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
+        intervals=intervals,
         misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
         remainder_deviation=(
             file.number("remainder_deviation", low=0.0)
@@ -236,14 +240,16 @@ def _checksum(data: Mapping[str, Any]) -> str:
 
 
 def _domain(entry: Section) -> Domain:
-    pairs = []
-    for axis in AXES:
-        value = entry.data.get(axis)
-        field = f"{entry.where}{axis}"
-        if not (isinstance(value, list) and len(value) == 2):
-            raise InputError(f"{field} = {value!r} is not [low, high]")
-        pairs.append((number(value[0], field), number(value[1], field)))
-    return Domain(*pairs)
+    return Domain(*(_pair(entry, axis) for axis in AXES))
+
+
+def _pair(entry: Section, key: str) -> tuple[float, float]:
+    """Return a field that holds [low, high]."""
+    value = entry.data.get(key)
+    field = f"{entry.where}{key}"
+    if not (isinstance(value, list) and len(value) == 2):
+        raise InputError(f"{field} = {value!r} is not [low, high]")
+    return number(value[0], field), number(value[1], field)
 
 
 def _correlation(value: Any) -> Any:
