@@ -364,11 +364,11 @@ class _Chains:
             chance = np.exp(-np.maximum(rise, 0.0) / temperature)
             # inf - inf is NaN: a chain that starts without any answer may wander freely.
             accepted = np.isnan(rise) | (drawn < chance)
-            points[accepted] = trial[accepted]
-            values[accepted] = trial_value[accepted]
+            np.copyto(points, trial, where=accepted[:, None])
+            np.copyto(values, trial_value, where=accepted)
             better = values < best_values
-            best[better] = points[better]
-            best_values[better] = values[better]
+            np.copyto(best, points, where=better[:, None])
+            np.copyto(best_values, values, where=better)
         self._points[warm] = points
         self._values[warm] = values
         self._best[warm] = best

@@ -96,7 +96,7 @@ class BalanceSolver:
         self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}
         self._template: BalanceSolver | None = None
-        self._shared_senses: tuple[OperatingPoints, Senses] | None = None
+        self._shared_senses: tuple[Array, Array, Senses] | None = None
 
     def with_parameters(self, parameters: Parameters) -> BalanceSolver:
         """Return a solver with other parameters, which takes over what does not depend on them."""
@@ -402,11 +402,12 @@ class BalanceSolver:
         """Return the senses that many candidates share: those without load and damping."""
         template = self._template or self
         known = template._shared_senses
-        if known is not None and known[0] is points:
-            return known[1]
-        forward = speed_ratio(self.stage, points.displacement_ratio) > 0.0
-        senses = Senses(sign(forward), sign(points.load_torque >= 0.0))
-        template._shared_senses = (points, senses)
+        stroke, load = points.displacement_ratio, points.load_torque
+        if known is not None and known[0] is stroke and known[1] is load:
+            return known[2]
+        forward = speed_ratio(self.stage, stroke) > 0.0
+        senses = Senses(sign(forward), sign(load >= 0.0))
+        template._shared_senses = (stroke, load, senses)
         return senses
 
 
