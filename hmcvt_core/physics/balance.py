@@ -321,6 +321,7 @@ class BalanceSolver:
         load_torque: Array,
         *,
         senses: Senses | None = None,
+        oil_temperature: Array | None = None,
     ) -> tuple[Array, Array]:
         """Return the displacement ratio and engine torque that make an output speed.
 
@@ -331,6 +332,8 @@ class BalanceSolver:
             output_speed: to make [rad/s], shape (n,).
             load_torque: output power / engine speed [N m], shape (n,).
             senses: of output and power, if known.
+            oil_temperature: [deg C], shape (n,), which only effects read; None where it is not
+                known.
         """
         if senses is None:
             senses = Senses(sign(output_speed > 0.0), sign(load_torque >= 0.0))
@@ -341,9 +344,8 @@ class BalanceSolver:
         backward = engine_share * engine_speed + output_share * output_speed < 0.0
         if not self._effects and not backward.any():
             return stroke, torque
-        searched = self._searched(
-            stroke, engine_speed, output_speed, load_torque, senses
-        )
+        points = OperatingPoints(stroke, engine_speed, load_torque, oil_temperature)
+        searched = self._searched(points, output_speed, senses)
         if self._effects:
             return searched
         return (
@@ -352,15 +354,10 @@ class BalanceSolver:
         )
 
     def _searched(
-        self,
-        stroke: Array,
-        engine_speed: Array,
-        output_speed: Array,
-        load_torque: Array,
-        senses: Senses,
+        self, points: OperatingPoints, output_speed: Array, senses: Senses
     ) -> tuple[Array, Array]:
         """Search the displacement ratio from a first one, and check the speed that it makes."""
-        points = self._with_oil(OperatingPoints(stroke, engine_speed, load_torque))
+        points = self._with_oil(points)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
         stroke = shafts.stroke_for(output_speed)
         state = self._bench_state(points._replace(displacement_ratio=stroke), senses)
