@@ -62,6 +62,7 @@ _NUMBERS = frozenset(
     (float, int, np.float64, np.float32, np.int64, np.int32, np.int16, np.int8)
 )
 """Types of scalars that a lookup takes without arrays."""
+_FLOAT = {float}
 _COLUMNS = _NUMBERS | {np.ndarray, list, tuple}
 """Types that are taken point by point."""
 _FEW = 100
@@ -976,21 +977,34 @@ def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int,
     columns: list[Iterable[float]] = []
     shape: tuple[int, ...] = ()
     for value in point:
-        if type(value) not in _COLUMNS:
+        column = _few_numbers(value)
+        if column is None:
             return [()], ()
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu" or array.size > _FEW:
-            return [()], ()
-        if type(value) is not np.ndarray and not holds_numbers(value):
-            return [()], ()
-        if array.ndim == 0:
-            columns.append(repeat(float(array)))
-            continue
-        if shape and array.shape != shape:
-            return [()], ()
-        shape = array.shape
-        columns.append(array.ravel().tolist())
+        numbers, own_shape = column
+        columns.append(numbers)
+        if own_shape:
+            if shape and own_shape != shape:
+                return [()], ()
+            shape = own_shape
     return (columns, shape) if shape else ([()], ())
+
+
+def _few_numbers(value: Any) -> tuple[Iterable[float], tuple[int, ...]] | None:
+    """Return up to `_FEW` numbers as plain floats and their shape; None for anything else."""
+    kind = type(value)
+    if kind in (list, tuple) and len(value) <= _FEW and set(map(type, value)) == _FLOAT:
+        # An array of it would take as long as a lookup.
+        return value, (len(value),)
+    if kind not in _COLUMNS:
+        return None
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.size > _FEW:
+        return None
+    if array.ndim == 0:
+        return repeat(float(array)), ()
+    if kind is not np.ndarray and not holds_numbers(value):
+        return None
+    return array.ravel().tolist(), array.shape
 
 
 def _checked_oil(oil_temperature: float | None) -> float | None:

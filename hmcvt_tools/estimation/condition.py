@@ -94,8 +94,9 @@ def moves(
     worn = 0.5 * settings.wear * leakage
     oil = nothing
     temperatures = identified_temperatures(model, settings)
-    states_oil = oil_temperature is not None and not follows_viscosity(model)
-    if states_oil and temperatures is not None:
+    if follows_viscosity(model):
+        oil_temperature = None
+    if oil_temperature is not None and temperatures is not None:
         reference = np.array(0.5 * sum(temperatures))
         known = OIL_TEMPERATURE.contains(oil_temperature)
         at = np.where(known, oil_temperature, reference)

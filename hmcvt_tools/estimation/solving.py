@@ -156,10 +156,9 @@ class StageSolver:
             temperature = oil_temperature
         known = OIL_TEMPERATURE.contains(temperature)
         at = _Held(engine_speed, output_speed, temperature)
-        solved = Solved(
-            *np.full((3, count), np.nan),
-            np.full((len(self._neighbours), count), np.nan),
-        )
+        missing = np.full(count, np.nan)
+        changes = np.full((len(self._neighbours), count), np.nan)
+        solved = Solved(missing, missing.copy(), missing.copy(), changes)
         for rows in (np.flatnonzero(known), np.flatnonzero(~known)):
             for start in range(0, len(rows), CHUNK):
                 chunk = rows[start : start + CHUNK]
