@@ -857,8 +857,10 @@ class EfficiencyModel:
             "formulation": self.formulation,
             "parameters": self.parameters.to_mapping(self.standard_errors),
         }
-        for name, ends in self.intervals.items():
-            data["parameters"][name]["interval_90"] = list(map(float, ends))
+        if self.intervals:
+            data["interval_90"] = {
+                name: list(map(float, ends)) for name, ends in self.intervals.items()
+            }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.degrees_of_freedom is not None:

@@ -36,7 +36,6 @@ _ROUNDED = 1e-5  # a matrix in a file has six digits
 # The keys of each section; None where any key may follow. "*" is every other name.
 _PATH = dict.fromkeys(("gear_pairs", "direction", "member"))
 _QUANTITY = dict.fromkeys(("value", "unit", "standard_error"))
-_PARAMETER = {**_QUANTITY, "interval_90": None}
 _GEAR_TRAIN = {
     "gear_pairs": None,
     "gear_efficiency": None,
@@ -73,7 +72,8 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
             )
         ),
         "served": None,  # what a node adds on its topic ~/model
-        "parameters": dict.fromkeys(PARAMETER_NAMES, _PARAMETER),
+        "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
+        "interval_90": dict.fromkeys(PARAMETER_NAMES),
         "effects": dict.fromkeys(("effect", "form", "part", "stage", "parameters")),
         "domain": dict.fromkeys(AXES),
         "transmission": _GEAR_TRAIN,
@@ -170,7 +170,7 @@ def _undated(model: EfficiencyModel) -> dict[str, Any]:
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     file = Section(data)
     parameters = file.section("parameters")
-    values, errors, intervals = [], {}, {}
+    values, errors = [], {}
     for name in PARAMETER_NAMES:
         entry = parameters.section(name)
         values.append(
@@ -178,8 +178,6 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         )
         if "standard_error" in entry.data:
             errors[name] = entry.number("standard_error", low=0.0)
-        if "interval_90" in entry.data:
-            intervals[name] = _pair(entry, "interval_90")
     effects = data.get("effects", [])
     if not isinstance(effects, list):
         raise InputError(f"effects = {effects!r} is not a list")
@@ -206,7 +204,9 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
-        intervals=intervals,
+        intervals=_intervals(file.section("interval_90"))
+        if "interval_90" in data
+        else {},
         misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
         remainder_deviation=(
             file.number("remainder_deviation", low=0.0)
@@ -241,6 +241,10 @@ def _checksum(data: Mapping[str, Any]) -> str:
 
 def _domain(entry: Section) -> Domain:
     return Domain(*(_pair(entry, axis) for axis in AXES))
+
+
+def _intervals(entry: Section) -> dict[str, tuple[float, float]]:
+    return {name: _pair(entry, name) for name in PARAMETER_NAMES}
 
 
 def _pair(entry: Section, key: str) -> tuple[float, float]:

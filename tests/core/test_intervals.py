@@ -295,12 +295,12 @@ def test_file_keeps_the_intervals(four, tmp_path):
     assert loaded.parameter_intervals() == four.model.parameter_intervals()
     text = (tmp_path / "m.yaml").read_text().splitlines()
     damaged = [
-        "    interval_90: [0.1]" if "interval_90" in line else line
+        "  pump_damping: [0.1]" if "pump_damping: [" in line else line
         for line in text
         if "checksum" not in line
     ]
     (tmp_path / "m.yaml").write_text("\n".join(damaged))
-    with pytest.raises(InputError, match=r"leakage\.interval_90 = \[0\.1\]"):
+    with pytest.raises(InputError, match=r"interval_90\.pump_damping = \[0\.1\]"):
         load_model(tmp_path / "m.yaml")
 
 
