@@ -36,11 +36,15 @@ _DIFFERENCE = 1e-6
 _EXACT = 0.01
 """Error of an end in terms of its distance from the best value, to first order."""
 _REFINEMENTS = 25
+"""Of an end, at most; the outermost value known to be inside stands for one that is not found."""
 _STEPS = 15
+"""Of a fit, at most."""
 _SMALL_GAIN = 1e-3
 """Of the rise at an end: a step that gains less ends a search."""
 _DAMPING = 1e-4
+"""Of the first step (Levenberg & Marquardt), by the curvature along each variable."""
 _STRONGEST_DAMPING = 1e4
+"""Above which no step gains anything."""
 
 
 def profile_intervals(

@@ -63,6 +63,7 @@ _NUMBERS = frozenset(
 )
 """Types of scalars that a lookup takes without arrays."""
 _FLOAT = {float}
+"""Types in a list that is taken as it is."""
 _COLUMNS = _NUMBERS | {np.ndarray, list, tuple}
 """Types that are taken point by point."""
 _FEW = 100
