@@ -138,6 +138,9 @@ class Estimator:
         )
         unsolved = np.isnan(engaged.solved.load_torque) & ~standing & (reason == "")
         reason = np.where(unsolved, "no stage of the model fits", reason)
+        if "stage" in values:
+            stated = unsolved & (values["stage"] != "")
+            reason = np.where(stated, "the stated stage does not fit", reason)
         moved = moves(self.model, engaged.solved, temperature, self.settings)
         load = engaged.solved.load_torque + moved.load
         engaged = engaged._replace(solved=engaged.solved._replace(load_torque=load))
