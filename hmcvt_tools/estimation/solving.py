@@ -285,7 +285,8 @@ class Stages:
         if stated is not None:
             numbers = {name: number for number, name in enumerate(self.solvers)}
             names, index = np.unique(stated, return_inverse=True)
-            known = np.array([numbers.get(str(name), -1) for name in names])[index]
+            of_names = [numbers.get(str(name), -1) for name in names]
+            known = np.array(of_names, dtype=np.intp)[index]
             fits = np.isfinite(distances[known, rows])
             second = np.where(known >= 0, -1, second)
             first = np.where(known < 0, first, np.where(fits, known, -1))

@@ -154,6 +154,7 @@ def test_a_stated_stage_that_does_not_fit_is_none():
     stated = np.array(["HM4", "reverse", ""])
     engaged, _ = stages.engaged(ratio, np.full(3, strokes[0]), stated)
     assert engaged.tolist() == [0, -1, 0]
+    assert not len(stages.engaged(ratio[:0], None, stated[:0])[0])
     without_stroke, _ = stages.engaged(ratio, None, stated)
     assert without_stroke[:2].tolist() == [0, 1]
 
