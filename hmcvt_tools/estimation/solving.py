@@ -264,8 +264,6 @@ class Stages:
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the stage of each row by number, and a second one that it may be; -1 for none.
 
-        A stated stage that neither speeds nor displacement ratio allow is none.
-
         Args:
             ratio: output speed / engine speed [-], shape (n,).
             displacement_ratio: as measured [-], shape (n,), or None.
@@ -285,11 +283,9 @@ class Stages:
         if stated is not None:
             numbers = {name: number for number, name in enumerate(self.solvers)}
             names, index = np.unique(stated, return_inverse=True)
-            of_names = [numbers.get(str(name), -1) for name in names]
-            known = np.array(of_names, dtype=np.intp)[index]
-            fits = np.isfinite(distances[known, rows])
+            known = np.array([numbers.get(str(name), -1) for name in names])[index]
             second = np.where(known >= 0, -1, second)
-            first = np.where(known < 0, first, np.where(fits, known, -1))
+            first = np.where(known >= 0, known, first)
         return first, second
 
     def _distances(self, ratio: Array, displacement_ratio: Array | None) -> Array:

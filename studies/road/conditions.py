@@ -155,11 +155,12 @@ def scores_in(
 
 def row_of(condition: Condition, scores: Sequence[Score]) -> tuple[str, ...]:
     """Return the row of the table."""
+    covered = float(np.mean([score.coverage for score in scores]))
+    scores = [score for score in scores if len(score.slow)]
     errors = np.concatenate([score.slow for score in scores])
     moments = np.concatenate([score.slow_inside for score in scores])
     torque = np.concatenate([score.torque_inside for score in scores])
     held = sum(score.energy_inside for score in scores)
-    covered = float(np.mean([score.coverage for score in scores]))
     return (
         condition.name,
         f"{100.0 * covered:.1f} %",

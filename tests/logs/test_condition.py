@@ -15,7 +15,7 @@ from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_tools.estimation import EstimateSettings
 from hmcvt_tools.estimation.condition import moves, outside_identified
 from hmcvt_tools.estimation.log import _drag_notes
-from hmcvt_tools.estimation.solving import Stages, StageSolver
+from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
 OUTPUT = np.linspace(60.0, 200.0, 40)
@@ -139,24 +139,6 @@ def test_drags_with_the_oil_are_noted(identified):
     ]
     warm = replace(identified, effects=(OilTemperature(1.0),))
     assert not _drag_notes(warm, has_temperature=False)
-
-
-def test_a_stated_stage_that_does_not_fit_is_none():
-    """Two stages overlap in speed ratio, at displacement ratios far from each other."""
-    tractor = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
-    other = hmcvt.load_model(hmcvt.data_path("params/output_coupled.yaml"))
-    models = {"HM4": tractor, "reverse": other.stages["reverse"]}
-    solvers = {name: StageSolver(model) for name, model in models.items()}
-    stages = Stages(solvers)
-    ratio = np.full(3, 1.2)
-    strokes = [stages._stroke_without_slip(solvers[n], ratio)[0] for n in solvers]
-    assert abs(strokes[0] - strokes[1]) > 0.5
-    stated = np.array(["HM4", "reverse", ""])
-    engaged, _ = stages.engaged(ratio, np.full(3, strokes[0]), stated)
-    assert engaged.tolist() == [0, -1, 0]
-    assert not len(stages.engaged(ratio[:0], None, stated[:0])[0])
-    without_stroke, _ = stages.engaged(ratio, None, stated)
-    assert without_stroke[:2].tolist() == [0, 1]
 
 
 def test_oil_temperature_of_settings_is_checked():
