@@ -125,7 +125,7 @@ def measured(campaign: Campaign) -> dict[str, Any]:
     low, high = model.interval(*fresh)
     inside = (truth >= low) & (truth <= high)
     held["prediction"] = float(inside.mean())
-    return {"kind": kind, "held": held, "width": float(np.median(high - low))}
+    return {"kind": kind, "held": held, "width": float(np.nanmedian(high - low))}
 
 
 def coverage_table(records: Sequence[dict[str, Any]]) -> str:

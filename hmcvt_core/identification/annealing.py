@@ -336,24 +336,43 @@ class _Chains:
         moved = self._points[warm] + size * (random @ self._domain.T)
         trials = reflect(moved, self._box.low, self._box.high)
         values = self._box(trials.reshape(-1, trials.shape[-1]))
-        for trial, value in zip(trials, values.reshape(draws, -1), strict=True):
-            self._take(warm, temperature, trial, value)
+        self._take(warm, temperature, trials, values.reshape(draws, -1))
 
+    @np.errstate(invalid="ignore", over="ignore", under="ignore")
     def _take(
-        self, warm: NDArray[np.intp], temperature: Array, trial: Array, values: Array
+        self,
+        warm: NDArray[np.intp],
+        temperature: Array,
+        trials: Array,
+        trial_values: Array,
     ) -> None:
-        """Take trial points (m, d) with their values (m,) by the rule of Metropolis."""
-        with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-            rise = values - self._values[warm]
+        """Take trial points by the rule of Metropolis, one draw of all chains after the other.
+
+        Args:
+            warm: m chains that move.
+            temperature: of each, shape (m,).
+            trials: shape (draws, m, d).
+            trial_values: objective at them, shape (draws, m).
+        """
+        points = self._points[warm]
+        values = self._values[warm]
+        best = self._best[warm]
+        best_values = self._best_values[warm]
+        luck = self._rng.random(trial_values.shape)
+        for trial, trial_value, drawn in zip(trials, trial_values, luck, strict=True):
+            rise = trial_value - values
             chance = np.exp(-np.maximum(rise, 0.0) / temperature)
-        # inf - inf is NaN: a chain that starts without any answer may wander freely.
-        accepted = np.isnan(rise) | (self._rng.random(len(warm)) < chance)
-        taken = warm[accepted]
-        self._points[taken] = trial[accepted]
-        self._values[taken] = values[accepted]
-        better = taken[self._values[taken] < self._best_values[taken]]
-        self._best[better] = self._points[better]
-        self._best_values[better] = self._values[better]
+            # inf - inf is NaN: a chain that starts without any answer may wander freely.
+            accepted = np.isnan(rise) | (drawn < chance)
+            np.copyto(points, trial, where=accepted[:, None])
+            np.copyto(values, trial_value, where=accepted)
+            better = values < best_values
+            np.copyto(best, points, where=better[:, None])
+            np.copyto(best_values, values, where=better)
+        self._points[warm] = points
+        self._values[warm] = values
+        self._best[warm] = best
+        self._best_values[warm] = best_values
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:

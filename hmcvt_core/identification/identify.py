@@ -38,6 +38,7 @@ from .misfit import FEWEST, misfit_remarks, with_misfit
 from .piecewise import HydraulicRoots, chain_starts, hydraulic_roots
 from .precision import degrees_of_freedom, precision
 from .problem import Problem
+from .profile import profile_intervals
 from .remarks import unchecked, undetermined
 from .result import Identification
 from .robust import thinned, thinned_rows
@@ -121,9 +122,11 @@ def identify(
             f"sample: {'; '.join(reasons)}"
         )
     model = _fitted_model(problem, scaled)
-    # A refit of the paper's formulas takes seconds, and nothing serves them.
-    if formulation != PUBLISHED.name and len(problem.samples) >= FEWEST:
-        model = _with_misfit(model, campaign, scaled, fixed_seed)
+    # Fits of the paper's formulas take seconds, and nothing serves them.
+    if formulation != PUBLISHED.name:
+        model = _with_intervals(model, problem, scaled)
+        if len(problem.samples) >= FEWEST:
+            model = _with_misfit(model, campaign, scaled, fixed_seed)
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, problem.samples.efficiency)
     remarks = [*campaign.contradictions, *campaign.rejections]
@@ -261,6 +264,19 @@ def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
         degrees_of_freedom=degrees_of_freedom(problem.samples),
         domain=Domain.of(problem.samples),
     )
+
+
+def _with_intervals(
+    model: EfficiencyModel, problem: Problem, scaled: Array
+) -> EfficiencyModel:
+    """Return a fitted model with intervals of its parameters by profile likelihood.
+
+    Of samples so many that an annealing looks at a part of them, standard errors say the same.
+    """
+    if thinned(problem.samples) is not problem.samples:
+        return model
+    errors = np.array([model.standard_errors[name] for name in PARAMETER_NAMES])
+    return replace(model, intervals=profile_intervals(problem, scaled, errors))
 
 
 def _with_misfit(

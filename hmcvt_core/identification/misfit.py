@@ -20,6 +20,7 @@ from ..files.bench import BenchSamples
 from ..model.accuracy import misfit
 from ..model.domain import AXES
 from ..model.model import EfficiencyModel
+from ..transmission.parameters import PARAMETER_NAMES
 from ..transmission.ranges import Array
 
 STATED = "stated"
@@ -126,7 +127,10 @@ def with_misfit(
 ) -> EfficiencyModel:
     """Return a fitted model with its misfit; with few samples its misfit stays as it is.
 
-    Where the noise is not known, the misfit holds it: it is then the error of a further reading.
+    Where the noise is not known, the misfit holds it: it is then the error of a further reading. It
+    is at least the scatter of the fit, whose degrees of freedom are those of the model: a further
+    reading is then within the intervals of Student's t, exactly so where the form of the model is
+    right (Seber & Wild 1989, Nonlinear Regression, 5.1).
 
     Args:
         model: fitted to the samples that belong.
@@ -150,11 +154,26 @@ def with_misfit(
         errors[fold == part] = prediction.efficiency - left_out.efficiency
         parameter_errors[fold == part] = prediction.standard_error
     noise = Noise.of(samples, fold >= 0)
+    missed = misfit(errors, noise.deviation, parameter_errors)
+    if noise.source == NOT_KNOWN:
+        missed = max(missed, _scatter(model, samples.select(fold >= 0)))
     return replace(
         model,
-        misfit=misfit(errors, noise.deviation, parameter_errors),
+        misfit=missed,
         provenance={**model.provenance, "misfit_noise": noise.source},
     )
+
+
+def _scatter(model: EfficiencyModel, samples: BenchSamples) -> float:
+    """Return the standard deviation of the residuals of a fit [-].
+
+    Args:
+        model: as fitted.
+        samples: those it was fitted to, more than there are parameters.
+    """
+    residuals = model.efficiency(*samples.points) - samples.efficiency
+    free = len(samples) - len(PARAMETER_NAMES)
+    return float(np.sqrt(np.sum(residuals**2) / free))
 
 
 def misfit_remarks(model: EfficiencyModel) -> list[str]:

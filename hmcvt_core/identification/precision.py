@@ -37,8 +37,7 @@ def precision(
     Returns:
         Standard errors by name, in the units of the parameters; correlation, shape (3, 3).
     """
-    residuals = (problem if scattered is None else scattered).residuals(scaled)
-    scale = _scatter(residuals, problem.samples.efficiency_std is not None)
+    scale = scatter(problem if scattered is None else scattered, scaled)
     # 0 without an answer.
     jacobian = np.nan_to_num(slopes_within_bounds(problem.residuals, scaled))
     # The leakage is scaled by its logarithm.
@@ -67,11 +66,17 @@ def degrees_of_freedom(samples: BenchSamples) -> float | None:
     return float(free)
 
 
-def _scatter(residuals: Array, stated: bool) -> float:
-    """Standard deviation of weighted residuals (n,), in terms of the deviations assumed."""
+def scatter(problem: Problem, scaled: Array) -> float:
+    """Standard deviation of the weighted residuals, in terms of the deviations assumed.
+
+    Args:
+        problem: samples and model.
+        scaled: the best point, shape (3,).
+    """
+    residuals = problem.residuals(scaled)
     free = len(residuals) - len(PARAMETER_NAMES)
-    scatter = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
-    if stated:
+    deviation = float(np.sqrt(np.sum(residuals**2) / free)) if free > 0 else 1.0
+    if problem.samples.efficiency_std is not None:
         # Stated deviations are taken as correct unless the residuals are larger.
-        scatter = max(scatter, 1.0)
-    return max(scatter, _MIN_SCATTER)
+        deviation = max(deviation, 1.0)
+    return max(deviation, _MIN_SCATTER)

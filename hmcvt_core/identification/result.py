@@ -10,7 +10,6 @@ import numpy as np
 
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
-from ..model.intervals import half_width
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
 from ..transmission.parameters import HydraulicParameters
@@ -178,9 +177,8 @@ class Identification:
             )
         if model.degrees_of_freedom is not None:
             yield (
-                f"  (intervals of 90 % are {half_width(model.degrees_of_freedom):.3g} standard "
-                f"errors to each side: Student's t with {model.degrees_of_freedom:g} degrees of "
-                "freedom)"
+                "  (intervals of 90 % are those of Student's t with "
+                f"{model.degrees_of_freedom:g} degrees of freedom)"
             )
         for stage in self.stages:
             if stage not in self.alone:

@@ -97,6 +97,7 @@ class Update:
             model,
             degrees_of_freedom=free,
             standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
+            intervals={},
             correlation=covariance / np.outer(spread, spread),
         )
 

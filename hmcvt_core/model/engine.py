@@ -19,6 +19,7 @@ from ..files.numbers import is_number
 from ..files.plain_yaml import named, read_tree, require_known
 from ..files.table import Table, read_plain
 from ..transmission.mapping import Section
+from ..transmission.quantities import real_numbers
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
 
 SCHEMA = "hmcvt-engine/1"
@@ -120,7 +121,7 @@ class Engine:
 
     def full_load_torque(self, engine_speed: ArrayLike) -> Any:
         """Highest torque at engine speeds [rad/s], as they are shaped [N m]; NaN beyond."""
-        speed = np.asarray(engine_speed, dtype=float)
+        speed = real_numbers(engine_speed, "engine_speed")
         torque = np.interp(speed, self.speed, self.full_load, left=np.nan, right=np.nan)
         return torque if np.ndim(torque) else float(torque)
 
@@ -129,7 +130,9 @@ class Engine:
 
         NaN above the full-load curve, below no torque and beyond the speeds of the table.
         """
-        speed, asked = np.broadcast_arrays(np.asarray(engine_speed, float), torque)
+        speed, asked = np.broadcast_arrays(
+            real_numbers(engine_speed, "engine_speed"), real_numbers(torque, "torque")
+        )
         with np.errstate(invalid="ignore"):
             load = asked / self.full_load_torque(speed)
             known = (load >= 0.0) & (load <= 1.0 + 1e-12)
@@ -148,7 +151,9 @@ class Engine:
             engine_speed: within the table [rad/s].
             torque: up to full load [N m]; broadcasts.
         """
-        speed, asked = np.broadcast_arrays(np.asarray(engine_speed, float), torque)
+        speed, asked = np.broadcast_arrays(
+            real_numbers(engine_speed, "engine_speed"), real_numbers(torque, "torque")
+        )
         rows = _every_second(len(self.speed))
         loads = _every_second(len(self.load))
         halved = Engine(

@@ -6,6 +6,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 from ..errors import InputError
+from ..transmission.quantities import Range
 
 LEVEL = 0.9
 """Level of intervals in reports and JSON."""
@@ -13,7 +14,9 @@ MIN_DEGREES = 1.0
 """Of freedom: one sample more than parameters."""
 
 
-@lru_cache(maxsize=64)
+_LEVEL_RANGE = Range("level", 0.0, 1.0, "-", "a fraction, not percent")
+
+
 def half_width(degrees_of_freedom: float | None, level: float = LEVEL) -> float:
     """Return half the width of an interval in standard errors.
 
@@ -24,12 +27,18 @@ def half_width(degrees_of_freedom: float | None, level: float = LEVEL) -> float:
     Raises:
         InputError: the level is not between 0 and 1.
     """
+    fraction = float(_LEVEL_RANGE.check(level))
+    if not 0.0 < fraction < 1.0:
+        raise InputError(f"level = {level!r}: needs a fraction above 0 and below 1")
+    return _quantile(degrees_of_freedom, 0.5 + 0.5 * fraction)
+
+
+@lru_cache(maxsize=64)
+def _quantile(degrees_of_freedom: float | None, probability: float) -> float:
+    """Return the quantile of Student's t; of the normal distribution for None."""
     # Imported where used: it takes a tenth of a second.
     from scipy.special import ndtri, stdtrit
 
-    if not 0.0 < level < 1.0:
-        raise InputError(f"level = {level!r}: needs a fraction above 0 and below 1")
-    upper = 0.5 + 0.5 * level
     if degrees_of_freedom is None:
-        return float(ndtri(upper))
-    return float(stdtrit(degrees_of_freedom, upper))
+        return float(ndtri(probability))
+    return float(stdtrit(degrees_of_freedom, probability))

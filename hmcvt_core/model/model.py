@@ -33,7 +33,7 @@ from ..transmission.parameters import (
     HydraulicParameters,
     Parameters,
 )
-from ..transmission.quantities import PREDICTED
+from ..transmission.quantities import PREDICTED, holds_numbers
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from ..transmission.stage import Stage, stages_to_mapping
 from .breakdown import Breakdown
@@ -62,6 +62,8 @@ _NUMBERS = frozenset(
     (float, int, np.float64, np.float32, np.int64, np.int32, np.int16, np.int8)
 )
 """Types of scalars that a lookup takes without arrays."""
+_FLOAT = {float}
+"""Types in a list that is taken as it is."""
 _COLUMNS = _NUMBERS | {np.ndarray, list, tuple}
 """Types that are taken point by point."""
 _FEW = 100
@@ -106,6 +108,8 @@ class EfficiencyModel:
             state it [-]; 0 where there is none.
         degrees_of_freedom: of the scatter behind the standard errors; None where it is known or
             stated, so that errors are normal. `interval` and `parameter_intervals` use it.
+        intervals: of the parameters at 90 % by name, (low, high), by profile likelihood; empty
+            where standard errors stand for them.
 
     Raises:
         InputError: an argument is of another type, or the formulation does not hold for the stage.
@@ -124,6 +128,7 @@ class EfficiencyModel:
     misfit: float = 0.0
     remainder_deviation: float = 0.0
     degrees_of_freedom: float | None = None
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_stages([self.stage, *self.other_stages])
@@ -195,6 +200,11 @@ class EfficiencyModel:
 
     def _solver_of(self, parameters: Parameters) -> Solver:
         return self._formulation.solver(self.stage, parameters, self.effects)
+
+    def _solver_of_candidates(self, candidates: Candidates) -> Solver:
+        if isinstance(self._solver, BalanceSolver):
+            return self._solver.with_parameters(candidates)
+        return self._solver_of(candidates)
 
     def balance(self, refusal: str) -> BalanceSolver:
         """Return the solver of the power balance.
@@ -341,7 +351,9 @@ class EfficiencyModel:
         )[2]
         if type(torque) is float:
             return float(engine_speed) * (torque - float(load_torque))  # type: ignore[arg-type]
-        return _plain(np.multiply(engine_speed, np.subtract(torque, load_torque)))
+        load = np.asanyarray(load_torque, dtype=float)
+        speed = np.asanyarray(engine_speed, dtype=float)
+        return _plain(speed * (torque - load))
 
     def _answer(
         self,
@@ -545,6 +557,7 @@ class EfficiencyModel:
         """Interval of each parameter, (low, high), in its unit; empty where errors are not known.
 
         None is below 0 or beyond the range of the parameter: at a bound the interval is one-sided.
+        That of another level than 90 % has either side of `intervals` in proportion to Student's t.
 
         Args:
             level: probability that the interval holds the parameter.
@@ -556,8 +569,16 @@ class EfficiencyModel:
         for limits in PARAMETER_RANGES:
             value = getattr(self.parameters, limits.name)
             error = half * self.standard_errors[limits.name]
-            low = max(value - error, limits.low)
-            intervals[limits.name] = (low, min(value + error, limits.high))
+            below, above = error, error
+            low, high = self.intervals.get(limits.name, (math.inf, -math.inf))
+            # Parameters that were changed since may lie outside.
+            if low <= value <= high:
+                scale = half / half_width(self.degrees_of_freedom)
+                below, above = scale * (value - low), scale * (high - value)
+            intervals[limits.name] = (
+                max(value - below, limits.low),
+                min(value + above, limits.high),
+            )
         return intervals
 
     def sensitivity(self, *point: Any) -> tuple[Any, Array]:
@@ -569,6 +590,9 @@ class EfficiencyModel:
         slopes = np.empty((*np.shape(efficiency), len(self.neighbours)))
         for i, (steps, model) in enumerate(self.neighbours):
             slopes[..., i] = (model.efficiency(*point) - efficiency) * steps
+        if isinstance(efficiency, np.ma.MaskedArray):
+            mask = np.ma.getmaskarray(efficiency)[..., None]
+            return efficiency, np.ma.masked_array(slopes, mask=_spread(mask, slopes))
         return efficiency, slopes
 
     @cached_property
@@ -752,9 +776,10 @@ class EfficiencyModel:
         Raises:
             InputError: an axis is empty, not of shape (n,) or out of range.
         """
+        given = (displacement_ratios, engine_speeds, load_torques)
         axes = [
-            np.atleast_1d(np.asarray(axis, dtype=float))
-            for axis in (displacement_ratios, engine_speeds, load_torques)
+            np.atleast_1d(limits.check(axis))
+            for limits, axis in zip(ranges.ANY_POINT, given, strict=True)
         ]
         for name, axis in zip(AXES, axes, strict=True):
             if axis.ndim != 1 or axis.size == 0:
@@ -809,7 +834,7 @@ class EfficiencyModel:
             and len(rows) * points.engine_speed.size <= ranges.CHUNK
         ):
             # An annealing asks hundreds of times: without the detour over stages and chunks.
-            solver = self._solver_of(Candidates(*rows.T[:, :, None]))
+            solver = self._solver_of_candidates(Candidates(*rows.T[:, :, None]))
             return solver.solve(points).efficiency.reshape(*values.shape[:-1], -1)
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
@@ -818,7 +843,8 @@ class EfficiencyModel:
             parts = []
             for i in range(0, len(rows), size):
                 candidates = Candidates(*rows[i : i + size].T[:, :, None])
-                parts.append(model._solver_of(candidates).solve(at).efficiency)
+                solver = model._solver_of_candidates(candidates)
+                parts.append(solver.solve(at).efficiency)
             return [np.concatenate(parts)]
 
         return points.solved(solve)[0].reshape(*values.shape[:-1], -1)
@@ -832,6 +858,10 @@ class EfficiencyModel:
             "formulation": self.formulation,
             "parameters": self.parameters.to_mapping(self.standard_errors),
         }
+        if self.intervals:
+            data["interval_90"] = {
+                name: list(map(float, ends)) for name, ends in self.intervals.items()
+            }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()
         if self.degrees_of_freedom is not None:
@@ -950,19 +980,34 @@ def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int,
     columns: list[Iterable[float]] = []
     shape: tuple[int, ...] = ()
     for value in point:
-        if type(value) not in _COLUMNS:
+        column = _few_numbers(value)
+        if column is None:
             return [()], ()
-        array = np.asarray(value)
-        if array.dtype.kind not in "fiu" or array.size > _FEW:
-            return [()], ()
-        if array.ndim == 0:
-            columns.append(repeat(float(array)))
-            continue
-        if shape and array.shape != shape:
-            return [()], ()
-        shape = array.shape
-        columns.append(array.ravel().tolist())
+        numbers, own_shape = column
+        columns.append(numbers)
+        if own_shape:
+            if shape and own_shape != shape:
+                return [()], ()
+            shape = own_shape
     return (columns, shape) if shape else ([()], ())
+
+
+def _few_numbers(value: Any) -> tuple[Iterable[float], tuple[int, ...]] | None:
+    """Return up to `_FEW` numbers as plain floats and their shape; None for anything else."""
+    kind = type(value)
+    if kind in (list, tuple) and len(value) <= _FEW and set(map(type, value)) == _FLOAT:
+        # An array of it would take as long as a lookup.
+        return value, (len(value),)
+    if kind not in _COLUMNS:
+        return None
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.size > _FEW:
+        return None
+    if array.ndim == 0:
+        return repeat(float(array)), ()
+    if kind is not np.ndarray and not holds_numbers(value):
+        return None
+    return array.ravel().tolist(), array.shape
 
 
 def _checked_oil(oil_temperature: float | None) -> float | None:
@@ -972,7 +1017,7 @@ def _checked_oil(oil_temperature: float | None) -> float | None:
         InputError: it is out of range or no number.
     """
     if oil_temperature is not None:
-        ranges.checked_numbers(ranges.OIL_TEMPERATURE, oil_temperature)
+        ranges.OIL_TEMPERATURE.check(oil_temperature)
     return oil_temperature
 
 

@@ -24,7 +24,7 @@ from ..files.checks import is_path, wrong_type
 from ..physics.balance import BalanceSolver
 from ..physics.regimes import Senses
 from ..transmission import ranges
-from ..transmission.ranges import Array, OperatingPoints, Range, checked_numbers
+from ..transmission.ranges import Array, OperatingPoints, Range
 from ..transmission.stage import speed_ratio
 from .domain import Domain
 from .engine import Engine
@@ -159,8 +159,8 @@ def optimum(
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
     given = [
-        checked_numbers(ranges.ENGINE_SPEED, engine_speed),
-        checked_numbers(ranges.LOAD_TORQUE, load_torque),
+        ranges.ENGINE_SPEED.check(engine_speed),
+        ranges.LOAD_TORQUE.check(load_torque),
     ]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
@@ -173,9 +173,9 @@ def optimum(
             )
         best = partial(_at_output_speed, solver, (low, high))
         if output_speed is not None:
-            given.append(checked_numbers(ranges.OUTPUT_SPEED, output_speed))
+            given.append(ranges.OUTPUT_SPEED.check(output_speed))
         elif displacement_ratio is not None:
-            stroke = checked_numbers(ranges.DISPLACEMENT_RATIO, displacement_ratio)
+            stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
             points = np.broadcast_arrays(stroke, *given)
             given.append(
                 OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1]
@@ -493,10 +493,10 @@ def _require_engine(value: object) -> None:
 
 def _one_number(limits: Range, value: object) -> float:
     """Return a value in range as a float; a text, a truth value or an array is refused."""
-    is_number = not isinstance(value, (str, bytes, bool)) and np.ndim(value) == 0  # type: ignore[arg-type]
-    if not is_number:
+    checked = limits.check(value)  # type: ignore[arg-type]
+    if checked.ndim:
         raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
-    return float(limits.check(value))  # type: ignore[arg-type]
+    return float(checked)
 
 
 def _speeds_inside(domain: Domain, power: float, low: float, high: float) -> Limits:

@@ -73,6 +73,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
         ),
         "served": None,  # what a node adds on its topic ~/model
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
+        "interval_90": dict.fromkeys(PARAMETER_NAMES),
         "effects": dict.fromkeys(("effect", "form", "part", "stage", "parameters")),
         "domain": dict.fromkeys(AXES),
         "transmission": _GEAR_TRAIN,
@@ -203,6 +204,9 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
+        intervals=_intervals(file.section("interval_90"))
+        if "interval_90" in data
+        else {},
         misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
         remainder_deviation=(
             file.number("remainder_deviation", low=0.0)
@@ -236,14 +240,20 @@ def _checksum(data: Mapping[str, Any]) -> str:
 
 
 def _domain(entry: Section) -> Domain:
-    pairs = []
-    for axis in AXES:
-        value = entry.data.get(axis)
-        field = f"{entry.where}{axis}"
-        if not (isinstance(value, list) and len(value) == 2):
-            raise InputError(f"{field} = {value!r} is not [low, high]")
-        pairs.append((number(value[0], field), number(value[1], field)))
-    return Domain(*pairs)
+    return Domain(*(_pair(entry, axis) for axis in AXES))
+
+
+def _intervals(entry: Section) -> dict[str, tuple[float, float]]:
+    return {name: _pair(entry, name) for name in PARAMETER_NAMES}
+
+
+def _pair(entry: Section, key: str) -> tuple[float, float]:
+    """Return a field that holds [low, high]."""
+    value = entry.data.get(key)
+    field = f"{entry.where}{key}"
+    if not (isinstance(value, list) and len(value) == 2):
+        raise InputError(f"{field} = {value!r} is not [low, high]")
+    return number(value[0], field), number(value[1], field)
 
 
 def _correlation(value: Any) -> Any:

@@ -95,6 +95,16 @@ class BalanceSolver:
         self._pump_on_row = stage.layout == "output_coupled"
         self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}
+        self._template: BalanceSolver | None = None
+        self._shared_senses: tuple[Array, Array, Senses] | None = None
+
+    def with_parameters(self, parameters: Parameters) -> BalanceSolver:
+        """Return a solver with other parameters, which takes over what does not depend on them."""
+        solver = BalanceSolver(
+            self.stage, parameters, self._effects, self._oil_temperature
+        )
+        solver._template = self
+        return solver
 
     def at_oil_temperature(self, oil_temperature: float | None) -> BalanceSolver:
         """Return a solver of all points at an oil temperature [deg C]; None leaves it unknown."""
@@ -311,6 +321,7 @@ class BalanceSolver:
         load_torque: Array,
         *,
         senses: Senses | None = None,
+        oil_temperature: Array | None = None,
     ) -> tuple[Array, Array]:
         """Return the displacement ratio and engine torque that make an output speed.
 
@@ -321,6 +332,8 @@ class BalanceSolver:
             output_speed: to make [rad/s], shape (n,).
             load_torque: output power / engine speed [N m], shape (n,).
             senses: of output and power, if known.
+            oil_temperature: [deg C], shape (n,), which only effects read; None where it is not
+                known.
         """
         if senses is None:
             senses = Senses(sign(output_speed > 0.0), sign(load_torque >= 0.0))
@@ -331,9 +344,8 @@ class BalanceSolver:
         backward = engine_share * engine_speed + output_share * output_speed < 0.0
         if not self._effects and not backward.any():
             return stroke, torque
-        searched = self._searched(
-            stroke, engine_speed, output_speed, load_torque, senses
-        )
+        points = OperatingPoints(stroke, engine_speed, load_torque, oil_temperature)
+        searched = self._searched(points, output_speed, senses)
         if self._effects:
             return searched
         return (
@@ -342,15 +354,10 @@ class BalanceSolver:
         )
 
     def _searched(
-        self,
-        stroke: Array,
-        engine_speed: Array,
-        output_speed: Array,
-        load_torque: Array,
-        senses: Senses,
+        self, points: OperatingPoints, output_speed: Array, senses: Senses
     ) -> tuple[Array, Array]:
         """Search the displacement ratio from a first one, and check the speed that it makes."""
-        points = self._with_oil(OperatingPoints(stroke, engine_speed, load_torque))
+        points = self._with_oil(points)
         shafts = Shafts(self.stage, self._parameters, self._effects, points, senses)
         stroke = shafts.stroke_for(output_speed)
         state = self._bench_state(points._replace(displacement_ratio=stroke), senses)
@@ -370,7 +377,12 @@ class BalanceSolver:
         if any(isinstance(sense, np.ndarray) for sense in senses):
             return SteadyState(self.stage, self._parameters, senses)
         if senses not in self._quadrants:
-            self._quadrants[senses] = SteadyState(self.stage, self._parameters, senses)
+            if self._template is None:
+                quadrant = SteadyState(self.stage, self._parameters, senses)
+            else:
+                template = self._template.quadrant(senses)
+                quadrant = template.with_parameters(self._parameters)
+            self._quadrants[senses] = quadrant
         return self._quadrants[senses]
 
     def senses(self, points: OperatingPoints) -> Senses:
@@ -385,8 +397,15 @@ class BalanceSolver:
 
     def _senses_of_candidates(self, points: OperatingPoints) -> Senses:
         """Return the senses that many candidates share: those without load and damping."""
-        forward = speed_ratio(self.stage, points.displacement_ratio) > 0.0
-        return Senses(sign(forward), sign(points.load_torque >= 0.0))
+        template = self._template or self
+        known = template._shared_senses
+        stroke, load = points.displacement_ratio, points.load_torque
+        if known is not None and known[0] is stroke and known[1] is load:
+            return known[2]
+        forward = speed_ratio(self.stage, stroke) > 0.0
+        senses = Senses(sign(forward), sign(load >= 0.0))
+        template._shared_senses = (stroke, load, senses)
+        return senses
 
 
 def _row_loss(shafts: Shafts, flow: PowerFlow, speeds: Mapping[str, Array]) -> Array:

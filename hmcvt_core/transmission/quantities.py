@@ -9,7 +9,9 @@ its name in `physics/readings.py`, and compared with the model.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +20,48 @@ from ..errors import InputError
 
 PAPER_EFFICIENCY_UNCERTAINTY = 0.0112
 """Total relative uncertainty of the paper's efficiency readings, eq. (3) [-]."""
+_PLAIN_NUMBERS = frozenset((float, int, np.float64, np.float32, np.int64, np.int32))
+"""Types of which a list holds numbers alone, seen at once."""
+
+
+def real_numbers(value: ArrayLike, name: str, hint: str = "") -> NDArray[np.float64]:
+    """Return numbers as an array of floats.
+
+    NumPy would read a text as its number, True as 1, and drop imaginary parts and masks.
+
+    Args:
+        value: scalar or array of any shape.
+        name: what the error calls it.
+        hint: what the error adds.
+
+    Raises:
+        InputError: it holds a text, a truth value, a complex number or a masked value.
+    """
+    array = None
+    # Lists that do not form an array, and integers beyond any float, are none either.
+    with contextlib.suppress(TypeError, ValueError, OverflowError):
+        if holds_numbers(value):
+            array = np.asarray(value, dtype=float)
+    if array is None:
+        raise InputError(f"{name} = {value!r} is not a number{hint}")
+    if np.ma.is_masked(value):
+        raise InputError(f"{name} has masked values; leave them out")
+    return array
+
+
+def holds_numbers(value: ArrayLike) -> bool:
+    """Whether a value holds real numbers alone; None, which is NaN, counts as one."""
+    if isinstance(value, list | tuple):
+        types = set(map(type, value))
+        return types <= _PLAIN_NUMBERS or all(map(holds_numbers, value))
+    array = np.asarray(value)
+    if array.dtype.kind == "O":
+        return all(map(_is_number, array.flat))
+    return array.dtype.kind in "iuf"
+
+
+def _is_number(item: object) -> bool:
+    return item is None or (isinstance(item, Real) and not isinstance(item, bool))
 
 
 @dataclass(frozen=True)
@@ -65,15 +109,11 @@ class Range:
             where: the place to name in the error, such as a file and row.
 
         Raises:
-            InputError: a value is no number, not finite or outside; the first one is named.
+            InputError: a value is no number (a text, a truth value, a complex number), not finite
+                or outside; the first one is named.
         """
         prefix = f"{where}: " if where else ""
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(
-                f"{prefix}{self.name} = {value!r} is not a number"
-            ) from None
+        array = real_numbers(value, f"{prefix}{self.name}", f"; allowed {self}")
         # One pass each and false for NaN; cheaper than a mask when all is well.
         sizes = self._magnitude(array)
         if sizes.size and not (sizes.min() >= self.low and sizes.max() <= self.high):

@@ -35,7 +35,7 @@ MISFIT = Range("misfit", 0.0, 1.0, "-", "a fraction, not percent")
 
 POINT_RANGES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE)
 """What makes an operating point, in the order in which it is given everywhere."""
-_ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
+ANY_POINT = (DISPLACEMENT_RATIO, ENGINE_SPEED, ANY_LOAD)
 
 BENCH_COLUMNS: Sequence[Quantity] = STORED
 """The columns of a bench file."""
@@ -47,18 +47,6 @@ ENGINE_SPEED_LIMITS = (750.0 * RPM, 2200.0 * RPM)
 
 CHUNK = 8192
 """Values worked out at a time: their arrays stay in the cache of the processor."""
-
-
-def checked_numbers(limits: Range, value: ArrayLike) -> Array:
-    """Return values in range as an array.
-
-    Raises:
-        InputError: a value is out of range, a text or a truth value.
-    """
-    # NumPy would read a text as its number, and True as 1.
-    if np.asarray(value).dtype.kind in "USb":
-        raise InputError(f"{limits.name} = {value!r} is not a number; allowed {limits}")
-    return limits.check(value)
 
 
 class OperatingPoints(NamedTuple):
@@ -86,11 +74,11 @@ class OperatingPoints(NamedTuple):
             InputError: a value is out of range, or the shapes do not broadcast.
         """
         given: list[Any] = []
-        for limits, value in zip(_ANY_POINT, point, strict=True):
-            given.append(checked_numbers(limits, value))
+        for limits, value in zip(ANY_POINT, point, strict=True):
+            given.append(limits.check(value))
         temperature = None
         if oil_temperature is not None:
-            temperature = checked_numbers(OIL_TEMPERATURE, oil_temperature)
+            temperature = OIL_TEMPERATURE.check(oil_temperature)
         names = None
         if stage is not None:
             names = np.asarray(stage, dtype=str)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.physics.effects.base import OIL_HOOKS
 from hmcvt_core.physics.effects.hydraulic import walther_log_viscosity
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 from hmcvt_core.transmission.ranges import OIL_TEMPERATURE, Array
@@ -59,6 +60,11 @@ def identified_temperatures(
     return float(low), float(high)
 
 
+def follows_viscosity(model: EfficiencyModel) -> bool:
+    """Whether an effect of a model already moves leakage and dampings with the oil."""
+    return any(effect.acts_at(*OIL_HOOKS) for effect in model.effects)
+
+
 def moves(
     model: EfficiencyModel,
     solved: Solved,
@@ -71,6 +77,7 @@ def moves(
         model: states errors of its parameters, else nothing moves.
         solved: loads, and their change by one standard error of each parameter.
         oil_temperature: of the log [deg C], shape (n,), NaN where not known; None without a signal.
+            It moves nothing where an effect of the model has already read it.
         settings: wear, and the temperature of the identification.
     """
     count = len(solved.load_torque)
@@ -87,6 +94,8 @@ def moves(
     worn = 0.5 * settings.wear * leakage
     oil = nothing
     temperatures = identified_temperatures(model, settings)
+    if follows_viscosity(model):
+        oil_temperature = None
     if oil_temperature is not None and temperatures is not None:
         reference = np.array(0.5 * sum(temperatures))
         known = OIL_TEMPERATURE.contains(oil_temperature)

@@ -24,7 +24,11 @@ from hmcvt_core.transmission.ranges import Array
 from ..logs.opening import open_log
 from ..logs.selection import Selection, Stated, read_rows, select
 from ..logs.series import Log, Report
-from .condition import identified_temperatures, outside_identified
+from .condition import (
+    follows_viscosity,
+    identified_temperatures,
+    outside_identified,
+)
 from .rows import Estimator, Rows, SeriesFile
 from .settings import EstimateSettings
 from .solving import Stages
@@ -254,15 +258,19 @@ def _condition_notes(
         notes.append(
             "the log states no oil temperature: cold or hot oil is not in the intervals"
         )
+    elif follows_viscosity(model):
+        notes.append(
+            "leakage and dampings follow the oil temperature of the log by the effect of the model"
+        )
     elif temperatures is None:
         notes.append(
-            "the oil temperature of the log is not used: the model does not state the one of its "
-            "identification (--identified-temperature says it)"
+            "leakage and dampings do not follow the oil temperature of the log: the model does not "
+            "state the one of its identification (--identified-temperature says it)"
         )
     elif not model.states_errors:
         notes.append(
-            "the oil temperature of the log is not used: the model states no errors of its "
-            "parameters"
+            "leakage and dampings do not follow the oil temperature of the log: the model states "
+            "no errors of its parameters"
         )
     else:
         notes.append(
@@ -270,7 +278,7 @@ def _condition_notes(
             f"are outside the {temperatures[0]:.0f} to {temperatures[1]:.0f} deg C of the "
             "identification"
         )
-    notes += _drag_notes(model)
+    notes += _drag_notes(model, "oil_temperature" in selection.quantities)
     if settings.wear == 0.0:
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
@@ -280,13 +288,18 @@ def _condition_notes(
     return notes
 
 
-def _drag_notes(model: EfficiencyModel) -> list[str]:
-    """Return that drags with the oil do not follow the log, where the model has such effects."""
+def _drag_notes(model: EfficiencyModel, has_temperature: bool) -> list[str]:
+    """Return which drags follow the oil, where the model has such effects.
+
+    Args:
+        model: with its effects.
+        has_temperature: whether the log states the oil temperature.
+    """
     drags = [effect for effect in model.effects if effect.needs_oil_temperature]
-    notes = []
-    for clause in without_oil_temperature(drags):
-        notes.append(f"{clause}, whatever the oil temperature of the log")
-    return notes
+    if not has_temperature:
+        return without_oil_temperature(drags)
+    names = dict.fromkeys(effect.name for effect in drags)
+    return [f"effect {name} follows the oil temperature of the log" for name in names]
 
 
 @dataclass

@@ -132,12 +132,15 @@ class Estimator:
         inputs = Inputs(time, speed, output, net, gross)
         reason = self._reasons(joined, inputs)
         standing = (reason == "") & self._stands(joined, output)
+        temperature = values.get("oil_temperature")
         engaged = self._engaged(
-            inputs, values, np.flatnonzero((reason == "") & ~standing)
+            inputs, values, np.flatnonzero((reason == "") & ~standing), temperature
         )
         unsolved = np.isnan(engaged.solved.load_torque) & ~standing & (reason == "")
         reason = np.where(unsolved, "no stage of the model fits", reason)
-        temperature = values.get("oil_temperature")
+        if "stage" in values:
+            stated = unsolved & (values["stage"] != "")
+            reason = np.where(stated, "the stated stage does not fit", reason)
         moved = moves(self.model, engaged.solved, temperature, self.settings)
         load = engaged.solved.load_torque + moved.load
         engaged = engaged._replace(solved=engaged.solved._replace(load_torque=load))
@@ -209,7 +212,11 @@ class Estimator:
         return np.asarray(stands)
 
     def _engaged(
-        self, inputs: Inputs, values: Mapping[str, Any], rows: NDArray[np.intp]
+        self,
+        inputs: Inputs,
+        values: Mapping[str, Any],
+        rows: NDArray[np.intp],
+        oil_temperature: Array | None,
     ) -> _Engaged:
         """Return loads and stages at some rows, NaN and -1 elsewhere."""
         count = len(inputs.time)
@@ -221,8 +228,9 @@ class Estimator:
             None if stroke is None else stroke[rows],
             None if stated is None else stated[rows],
         )
-        likely = self._solve(at, first)
-        other = self._solve(at, second)
+        oil = None if oil_temperature is None else oil_temperature[rows]
+        likely = self._solve(at, first, oil)
+        other = self._solve(at, second, oil)
         better = np.isnan(likely.load_torque) & np.isfinite(other.load_torque)
         solved = self._unsolved(count)
         for column, one, two in zip(solved, likely, other, strict=True):
@@ -243,14 +251,19 @@ class Estimator:
             np.full((errors, count), np.nan),
         )
 
-    def _solve(self, at: Inputs, stage: NDArray[np.intp]) -> Solved:
+    def _solve(
+        self, at: Inputs, stage: NDArray[np.intp], oil_temperature: Array | None
+    ) -> Solved:
         """Return loads at rows with the stage of each by number; NaN for -1."""
         solved = self._unsolved(len(stage))
         for number, solver in enumerate(self.stages.solvers.values()):
             (rows,) = np.nonzero(stage == number)
             if len(rows):
                 part = solver.solve(
-                    at.engine_speed[rows], at.output_speed[rows], at.engine_torque[rows]
+                    at.engine_speed[rows],
+                    at.output_speed[rows],
+                    at.engine_torque[rows],
+                    None if oil_temperature is None else oil_temperature[rows],
                 )
                 for column, values in zip(solved, part, strict=True):
                     column[..., rows] = values

@@ -20,7 +20,7 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.model.model import NO_OPTIMUM, EfficiencyModel
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.transmission.parameters import PARAMETER_RANGES, HydraulicParameters
-from hmcvt_core.transmission.ranges import ANY_LOAD, CHUNK, Array
+from hmcvt_core.transmission.ranges import ANY_LOAD, CHUNK, OIL_TEMPERATURE, Array
 from hmcvt_core.transmission.stage import speed_ratio
 
 _SECANTS = 5
@@ -56,6 +56,36 @@ class Solved(NamedTuple):
     displacement_ratio: Array
     load_per_torque: Array
     parameter_change: Array
+
+
+class _Held(NamedTuple):
+    """What is held while a load is searched; arrays of shape (n,).
+
+    Attributes:
+        engine_speed: [rad/s].
+        output_speed: [rad/s].
+        oil_temperature: [deg C]; known at all rows, or else at none.
+    """
+
+    engine_speed: Array
+    output_speed: Array
+    oil_temperature: Array
+
+    def rows(self, rows: NDArray[np.intp]) -> _Held:
+        """Return some of the rows."""
+        return _Held(*(column[rows] for column in self))
+
+    def balanced(
+        self, balance: BalanceSolver, load_torque: Array
+    ) -> tuple[Array, Array]:
+        """Return the displacement ratio and engine torque at loads [N m]."""
+        known = OIL_TEMPERATURE.contains(self.oil_temperature).all()
+        return balance.held(
+            self.engine_speed,
+            self.output_speed,
+            load_torque,
+            oil_temperature=self.oil_temperature if known else None,
+        )
 
 
 class StageSolver:
@@ -105,7 +135,11 @@ class StageSolver:
         return neighbours
 
     def solve(
-        self, engine_speed: Array, output_speed: Array, engine_torque: Array
+        self,
+        engine_speed: Array,
+        output_speed: Array,
+        engine_torque: Array,
+        oil_temperature: Array | None = None,
     ) -> Solved:
         """Return the loads at which the stage takes engine torques.
 
@@ -113,29 +147,35 @@ class StageSolver:
             engine_speed: [rad/s], shape (n,).
             output_speed: [rad/s], shape (n,).
             engine_torque: [N m], shape (n,).
+            oil_temperature: [deg C], shape (n,), which only effects read; NaN or None where it is
+                not known.
         """
-        parts = []
-        for start in range(0, max(len(engine_speed), 1), CHUNK):
-            chunk = slice(start, start + CHUNK)
-            parts.append(
-                self._solve_chunk(
-                    engine_speed[chunk], output_speed[chunk], engine_torque[chunk]
-                )
-            )
-        columns = zip(*parts, strict=True)
-        return Solved(*(np.concatenate(column, axis=-1) for column in columns))
+        count = len(engine_speed)
+        temperature = np.full(count, np.nan)
+        if oil_temperature is not None:
+            temperature = oil_temperature
+        known = OIL_TEMPERATURE.contains(temperature)
+        at = _Held(engine_speed, output_speed, temperature)
+        missing = np.full(count, np.nan)
+        changes = np.full((len(self._neighbours), count), np.nan)
+        solved = Solved(missing, missing.copy(), missing.copy(), changes)
+        for rows in (np.flatnonzero(known), np.flatnonzero(~known)):
+            for start in range(0, len(rows), CHUNK):
+                chunk = rows[start : start + CHUNK]
+                part = self._solve_chunk(at.rows(chunk), engine_torque[chunk])
+                for column, values in zip(solved, part, strict=True):
+                    column[..., chunk] = values
+        return solved
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-    def _solve_chunk(
-        self, engine_speed: Array, output_speed: Array, engine_torque: Array
-    ) -> Solved:
-        load = self._load(engine_speed, output_speed, engine_torque)
-        stroke, torque = self._balance.held(engine_speed, output_speed, load)
-        _, above = self._balance.held(engine_speed, output_speed, load + _SLOPE_STEP)
+    def _solve_chunk(self, at: _Held, engine_torque: Array) -> Solved:
+        load = self._load(at, engine_torque)
+        stroke, torque = at.balanced(self._balance, load)
+        _, above = at.balanced(self._balance, load + _SLOPE_STEP)
         slope = (above - torque) / _SLOPE_STEP
         changes = []
         for count, neighbour in self._neighbours:
-            _, moved = neighbour.held(engine_speed, output_speed, load)
+            _, moved = at.balanced(neighbour, load)
             changes.append(-count * (moved - torque) / slope)
         in_reach = np.abs(stroke) <= 1.0 + STROKE_SLACK
         in_reach &= np.abs(torque - engine_torque) <= 10.0 * _TOLERANCE
@@ -148,15 +188,13 @@ class StageSolver:
             np.where(in_reach, change, np.nan),
         )
 
-    def _load(
-        self, engine_speed: Array, output_speed: Array, engine_torque: Array
-    ) -> Array:
+    def _load(self, held: _Held, engine_torque: Array) -> Array:
         """Search the load by secants; what they miss, by bisection."""
         at = _FIRST_EFFICIENCY * engine_torque
         before = at - _FIRST_STEP
-        _, torque_before = self._balance.held(engine_speed, output_speed, before)
+        _, torque_before = held.balanced(self._balance, before)
         for _ in range(_SECANTS):
-            _, torque = self._balance.held(engine_speed, output_speed, at)
+            _, torque = held.balanced(self._balance, at)
             slope = (torque - torque_before) / (at - before)
             step = (engine_torque - torque) / slope
             done = np.abs(engine_torque - torque) <= _TOLERANCE
@@ -166,24 +204,20 @@ class StageSolver:
             before = np.where(done, before, at)
             torque_before = np.where(done, torque_before, torque)
             at = np.clip(following, ANY_LOAD.low, ANY_LOAD.high)
-        _, torque = self._balance.held(engine_speed, output_speed, at)
+        _, torque = held.balanced(self._balance, at)
         missed = ~(np.abs(engine_torque - torque) <= _TOLERANCE)
         (rows,) = np.nonzero(missed)
         if len(rows):
             at = at.copy()
-            at[rows] = self._bisected(
-                engine_speed[rows], output_speed[rows], engine_torque[rows]
-            )
+            at[rows] = self._bisected(held.rows(rows), engine_torque[rows])
         return at
 
-    def _bisected(
-        self, engine_speed: Array, output_speed: Array, engine_torque: Array
-    ) -> Array:
+    def _bisected(self, held: _Held, engine_torque: Array) -> Array:
         low = np.minimum(2.0 * engine_torque, -1000.0)
         high = np.maximum(engine_torque, 0.0)
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
-            _, torque = self._balance.held(engine_speed, output_speed, middle)
+            _, torque = held.balanced(self._balance, middle)
             # A stage that is stalled at a load takes no more.
             below = torque < engine_torque
             low = np.where(below, middle, low)

@@ -150,6 +150,7 @@ def in_transmission(
             parameters=model.parameters,
             effects=model.effects,
             standard_errors={},
+            intervals={},
             correlation=None,
             domain=None,
         )

@@ -55,6 +55,7 @@ class Condition:
         oil_temperature: on the bus [deg C]; None where it is not.
         settings: of the estimate.
         with_unit: whether the bus carries displacement ratio and stage.
+        wrong_stage: whether the bus names the stage after the one engaged.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Condition:
     oil_temperature: float | None = None
     settings: EstimateSettings = _NOTHING_STATED
     with_unit: bool = True
+    wrong_stage: bool = False
 
 
 COLD = _temperature_of(2.0)
@@ -74,6 +76,7 @@ _PUMPS = EstimateSettings(hydraulics_high=6e3)
 CONDITIONS = (
     Condition("as identified"),
     Condition("as identified, stage not on the bus", with_unit=False),
+    Condition("as identified, the bus names the next stage", wrong_stage=True),
     Condition(
         f"cold: leakage x0.5, dampings x2; TRF1 says {COLD:.0f} deg C",
         0.5,
@@ -114,6 +117,13 @@ def with_hydraulics(driven: Drive, power: float) -> Drive:
     )
 
 
+def with_next_stage(driven: Drive, names: Sequence[str]) -> Drive:
+    """Return a drive of which the bus names the stage after the one engaged."""
+    following = dict(zip(names, (*names[1:], names[0]), strict=True))
+    stage = [following.get(name, name) for name in driven.stage.tolist()]
+    return replace(driven, stage=np.array(stage))
+
+
 def scores_in(
     condition: Condition, seeds: Sequence[int], minutes: float
 ) -> list[Score]:
@@ -126,6 +136,8 @@ def scores_in(
         driven = with_hydraulics(
             drive(machine, 60.0 * minutes, rng), condition.hydraulics
         )
+        if condition.wrong_stage:
+            driven = with_next_stage(driven, list(model.stages))
         with tempfile.TemporaryDirectory() as folder:
             scores.append(
                 scored(
@@ -143,12 +155,15 @@ def scores_in(
 
 def row_of(condition: Condition, scores: Sequence[Score]) -> tuple[str, ...]:
     """Return the row of the table."""
+    covered = float(np.mean([score.coverage for score in scores]))
+    scores = [score for score in scores if len(score.slow)]
     errors = np.concatenate([score.slow for score in scores])
     moments = np.concatenate([score.slow_inside for score in scores])
     torque = np.concatenate([score.torque_inside for score in scores])
     held = sum(score.energy_inside for score in scores)
     return (
         condition.name,
+        f"{100.0 * covered:.1f} %",
         f"{100.0 * np.median(errors):.1f} %",
         f"{100.0 * moments.mean():.0f} %",
         f"{100.0 * torque.mean():.0f} %",
@@ -158,6 +173,7 @@ def row_of(condition: Condition, scores: Sequence[Score]) -> tuple[str, ...]:
 
 HEAD = (
     "tractor",
+    "time with an estimate",
     "error of output power, median",
     "moments inside 90 %",
     "torque inside 90 %",

@@ -115,7 +115,7 @@ def scored(
         inside[counted],
         torque_inside[slow],
         stage[counted] == driven.stage[rows_of][counted],
-        totals.output / true_energy - 1.0,
+        totals.output / true_energy - 1.0 if true_energy else np.nan,
         energy_low <= true_energy <= energy_high,
         totals.coverage,
     )

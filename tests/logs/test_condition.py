@@ -89,14 +89,56 @@ def test_a_range_of_hydraulics_that_is_none_is_refused(tmp_path, text):
     assert "hydraulics" in done.err
 
 
-def test_drags_that_do_not_follow_the_oil_of_the_log_are_noted(identified):
+def test_drags_follow_the_oil_of_the_log(identified):
+    """Every row of the log has the load of a machine that is solved at its temperature."""
+    model = replace(
+        identified, effects=(ViscousBearingDrag(torque=8.0), FanDrive(torque=15.0))
+    )
+    oil = np.where(np.arange(40) % 2, 20.0, 80.0)
+    oil[::5] = np.nan
+    solver = StageSolver(model)
+    mixed = solver.solve(SPEED, OUTPUT, TORQUE, oil)
+    without = solver.solve(SPEED, OUTPUT, TORQUE)
+    for temperature in (20.0, 80.0, np.nan):
+        rows = np.isclose(oil, temperature, equal_nan=True)
+        if np.isnan(temperature):
+            assert np.array_equal(
+                mixed.load_torque[rows], without.load_torque[rows], equal_nan=True
+            )
+            continue
+        answered = rows & np.isfinite(mixed.load_torque)
+        assert answered.sum() > 8
+        torque = mixed.load_torque[answered] + model.power_loss(
+            mixed.displacement_ratio[answered],
+            150.0,
+            mixed.load_torque[answered],
+            temperature,
+        ) / (150.0)
+        assert torque == pytest.approx(TORQUE[answered], abs=0.1)
+    cold = np.isclose(oil, 20.0)
+    apart = np.abs(mixed.load_torque - without.load_torque)[cold]
+    assert np.nanmedian(apart) > 5.0
+
+
+def test_oil_does_not_act_twice(identified, solved):
+    model = replace(identified, effects=(OilTemperature(1.0),))
+    settings = EstimateSettings(oil_temperature=60.0)
+    assert not np.any(moves(model, solved, np.full(40, 20.0), settings))
+
+
+def test_drags_with_the_oil_are_noted(identified):
     drags = (ViscousBearingDrag(torque=5.0), FanDrive(torque=5.0))
-    assert _drag_notes(replace(identified, effects=drags)) == [
-        "effect bearing_drag is taken at 60 deg C, whatever the oil temperature of the log",
-        "effect fan_drive is off, whatever the oil temperature of the log",
+    model = replace(identified, effects=drags)
+    assert _drag_notes(model, has_temperature=False) == [
+        "effect bearing_drag is taken at 60 deg C",
+        "effect fan_drive is off",
+    ]
+    assert _drag_notes(model, has_temperature=True) == [
+        "effect bearing_drag follows the oil temperature of the log",
+        "effect fan_drive follows the oil temperature of the log",
     ]
     warm = replace(identified, effects=(OilTemperature(1.0),))
-    assert not _drag_notes(warm)
+    assert not _drag_notes(warm, has_temperature=False)
 
 
 def test_oil_temperature_of_settings_is_checked():

@@ -231,6 +231,7 @@ class Transmission:
         return replace(
             self._refitted(base, effects),
             standard_errors=errors,
+            intervals={},
             correlation=correlation,
             domain=Domain.of(samples),
             units={},

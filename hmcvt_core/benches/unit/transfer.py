@@ -57,6 +57,7 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
         model,
         parameters=parameters,
         standard_errors=errors,
+        intervals={},
         correlation=np.eye(len(PARAMETER_NAMES)),
         degrees_of_freedom=None,
         effects=(*of_the_other, *_effects_of_the_pair(model, unit, scale)),
