@@ -201,11 +201,6 @@ class EfficiencyModel:
     def _solver_of(self, parameters: Parameters) -> Solver:
         return self._formulation.solver(self.stage, parameters, self.effects)
 
-    def _solver_of_candidates(self, candidates: Candidates) -> Solver:
-        if isinstance(self._solver, BalanceSolver):
-            return self._solver.with_parameters(candidates)
-        return self._solver_of(candidates)
-
     def balance(self, refusal: str) -> BalanceSolver:
         """Return the solver of the power balance.
 
@@ -834,7 +829,7 @@ class EfficiencyModel:
             and len(rows) * points.engine_speed.size <= ranges.CHUNK
         ):
             # An annealing asks hundreds of times: without the detour over stages and chunks.
-            solver = self._solver_of_candidates(Candidates(*rows.T[:, :, None]))
+            solver = self._solver_of(Candidates(*rows.T[:, :, None]))
             return solver.solve(points).efficiency.reshape(*values.shape[:-1], -1)
 
         def solve(name: str | None, at: OperatingPoints) -> list[Array]:
@@ -843,8 +838,7 @@ class EfficiencyModel:
             parts = []
             for i in range(0, len(rows), size):
                 candidates = Candidates(*rows[i : i + size].T[:, :, None])
-                solver = model._solver_of_candidates(candidates)
-                parts.append(solver.solve(at).efficiency)
+                parts.append(model._solver_of(candidates).solve(at).efficiency)
             return [np.concatenate(parts)]
 
         return points.solved(solve)[0].reshape(*values.shape[:-1], -1)

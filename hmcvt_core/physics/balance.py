@@ -95,16 +95,6 @@ class BalanceSolver:
         self._pump_on_row = stage.layout == "output_coupled"
         self._has_candidates = np.ndim(parameters.motor_damping) > 0
         self._quadrants: dict[Senses, SteadyState] = {}
-        self._template: BalanceSolver | None = None
-        self._shared_senses: tuple[Array, Array, Senses] | None = None
-
-    def with_parameters(self, parameters: Parameters) -> BalanceSolver:
-        """Return a solver with other parameters, which takes over what does not depend on them."""
-        solver = BalanceSolver(
-            self.stage, parameters, self._effects, self._oil_temperature
-        )
-        solver._template = self
-        return solver
 
     def at_oil_temperature(self, oil_temperature: float | None) -> BalanceSolver:
         """Return a solver of all points at an oil temperature [deg C]; None leaves it unknown."""
@@ -377,12 +367,7 @@ class BalanceSolver:
         if any(isinstance(sense, np.ndarray) for sense in senses):
             return SteadyState(self.stage, self._parameters, senses)
         if senses not in self._quadrants:
-            if self._template is None:
-                quadrant = SteadyState(self.stage, self._parameters, senses)
-            else:
-                template = self._template.quadrant(senses)
-                quadrant = template.with_parameters(self._parameters)
-            self._quadrants[senses] = quadrant
+            self._quadrants[senses] = SteadyState(self.stage, self._parameters, senses)
         return self._quadrants[senses]
 
     def senses(self, points: OperatingPoints) -> Senses:
@@ -397,15 +382,8 @@ class BalanceSolver:
 
     def _senses_of_candidates(self, points: OperatingPoints) -> Senses:
         """Return the senses that many candidates share: those without load and damping."""
-        template = self._template or self
-        known = template._shared_senses
-        stroke, load = points.displacement_ratio, points.load_torque
-        if known is not None and known[0] is stroke and known[1] is load:
-            return known[2]
-        forward = speed_ratio(self.stage, stroke) > 0.0
-        senses = Senses(sign(forward), sign(load >= 0.0))
-        template._shared_senses = (stroke, load, senses)
-        return senses
+        forward = speed_ratio(self.stage, points.displacement_ratio) > 0.0
+        return Senses(sign(forward), sign(points.load_torque >= 0.0))
 
 
 def _row_loss(shafts: Shafts, flow: PowerFlow, speeds: Mapping[str, Array]) -> Array:

@@ -155,22 +155,6 @@ class RegimeConstants:
     flow: Any
 
 
-class _Transfer(NamedTuple):
-    """What a regime holds besides the parameters.
-
-    Attributes:
-        gear: output torque per torque of the motor, alpha.
-        rest: 1 -+ c_fm.
-        brace: rho; 0 without a pump on the row.
-        pump: 1 +- c_fp.
-    """
-
-    gear: Any
-    rest: float
-    brace: Any
-    pump: float
-
-
 class Quadrant:
     """Constants of one quadrant without effects, and the laws (13)-(15) in them.
 
@@ -219,26 +203,17 @@ class Quadrant:
         self.flow_ratio: Any = self.reflection * math.copysign(
             displacements, stage.motor_speed_ratio
         )
+        self.stiffness: Any = units.motor_displacement**2 / parameters.leakage
         self.pump_friction = units.pump_friction
+        self.pump_damping: Any = parameters.pump_damping
         # What the gears of the output path pass on to the load.
         self._output_gears = passed(stage.output.efficiency, senses.power)
         self.mechanical_load: Any = self._mechanical_load(stage)
         self.pump_gears, self.backward_gears = self._pump_gears(stage)
-        self._squared_displacement = units.motor_displacement**2
-        self._transfers = [
-            self._transfer(stage, regime)
+        self.regimes = [
+            self._regime(stage, parameters, regime)
             for regime in Regime
             if self.pump_on_row or regime < Regime.MOTORED
-        ]
-        self._geometry = dict(vars(self))
-        self._set_parameters(parameters)
-
-    def _set_parameters(self, parameters: Parameters) -> None:
-        """Set what depends on the parameters."""
-        self.stiffness: Any = self._squared_displacement / parameters.leakage
-        self.pump_damping: Any = parameters.pump_damping
-        self.regimes = [
-            self._regime(transfer, parameters) for transfer in self._transfers
         ]
         self.stall_load: Any = -math.inf
         if not self.pump_on_row:
@@ -270,10 +245,13 @@ class Quadrant:
             (engine_share * backward[0], engine_share * backward[1]),
         )
 
-    def _transfer(self, stage: Stage, regime: Regime) -> _Transfer:
+    def _regime(
+        self, stage: Stage, parameters: Parameters, regime: Regime
+    ) -> RegimeConstants:
         units, signs = stage.pump_motor, SIGNS[regime]
-        c = self.pump_ratios[1]
-        gear = stage.motor.efficiency**signs.motor / self.hydraulic_ratio
+        h, m = self.hydraulic_ratio, self.mechanical_ratio
+        a, c = self.pump_ratios
+        gear = stage.motor.efficiency**signs.motor / h
         brace: Any = 0.0
         if self.pump_on_row:
             # The row drives the output while the pump brakes the row, and drives it on while the
@@ -285,23 +263,16 @@ class Quadrant:
         else:
             gear = gear * self._output_gears
             friction = units.motor_friction * signs.pressure * signs.motor
-        pump = 1.0 + units.pump_friction * signs.pressure * signs.turning
-        return _Transfer(gear, 1.0 - friction, brace, pump)
-
-    def _regime(self, transfer: _Transfer, parameters: Parameters) -> RegimeConstants:
-        gear, rest, brace, pump = transfer
-        h, m = self.hydraulic_ratio, self.mechanical_ratio
-        a, c = self.pump_ratios
         brace_drag = brace * parameters.pump_damping
         drag = gear * parameters.motor_damping
-        stiff = self.stiffness * gear * rest
+        stiff = self.stiffness * gear * (1.0 - friction)
         level = (stiff + drag) * m / h + brace_drag * a
         return RegimeConstants(
-            motor=gear * rest,
+            motor=gear * (1.0 - friction),
             motor_drag=drag,
             brace=brace,
             brace_drag=brace_drag,
-            pump=pump,
+            pump=1.0 + units.pump_friction * signs.pressure * signs.turning,
             square=(stiff + drag) / h - brace_drag * c,
             level=0.5 * level,
             flow=0.5 * stiff * a,

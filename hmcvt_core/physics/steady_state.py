@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..transmission.parameters import Parameters
 from ..transmission.ranges import Array, OperatingPoints, Solution
 from .regimes import BACKWARD_REGIMES, SIGNS, Quadrant, Regime
 
@@ -29,13 +28,6 @@ MOTOR_REST_BOUND = 1e-14
 
 class SteadyState(Quadrant):
     """The steady state of one quadrant at points of shape (n,)."""
-
-    def with_parameters(self, parameters: Parameters) -> "SteadyState":
-        """Return the same quadrant with other parameters; a search asks for thousands."""
-        other = object.__new__(SteadyState)
-        vars(other).update(self._geometry, _geometry=self._geometry)
-        other._set_parameters(parameters)
-        return other
 
     def solve(
         self, points: OperatingPoints, resting: np.ndarray | None = None
