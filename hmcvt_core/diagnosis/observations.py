@@ -159,8 +159,8 @@ class Observations:
     def with_session_means_held(self) -> Observations:
         """Return the same readings with errors of meters whose mean over the sessions is zero.
 
-        Readings cannot tell an error that all sessions have alike from a form error of the model,
-        and form errors are the larger ones. Without sessions the observations stay as they are.
+        Readings cannot tell an error that all sessions have alike, or the only one has, from a form
+        error of the model, and form errors are the larger ones.
         """
         of_sessions = [error.name for error in self.shared_names if error.session]
         if self.shared_errors is None or not of_sessions:
