@@ -41,6 +41,7 @@ from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined
 from hmcvt_tools import load_vehicle
 
 from . import interfaces, messages, parameters, qos
+from .actions import Actions
 from .bench_log import BenchLog
 from .clocks import CLOCK_TOPIC, AgeClock, Arrival, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
@@ -244,6 +245,10 @@ class EfficiencyNode(Node):
             self._public,
         )
         self._resources.callback(self._service_handlers.close)
+        kinds = interfaces.find("action", "Refit")
+        if kinds is not None:
+            actions = Actions(self, kinds, self._service_handlers, self._lines)
+            self._resources.callback(actions.close)
         self._require_distinct_names()
         # The timer must run even when a simulated clock stands still.
         self.create_timer(
@@ -365,7 +370,7 @@ class EfficiencyNode(Node):
         self._subscribe_raw(
             JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
         )
-        self._typed: Any = interfaces.find()
+        self._typed: Any = interfaces.find("msg", "Advice")
         if self._typed is not None:
             self._advice_publisher = publisher(
                 self._typed.Advice, "~/advice", qos.OUTPUT
