@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The messages of the optional package hmcvt_msgs, as values of the node; `actions` has its actions.
+"""The messages of the optional package hmcvt_msgs, as values of the node.
 
 The node takes them on topics of their own, beside the standard messages, where the package is
 installed.
