@@ -251,11 +251,12 @@ class EfficiencyNode(Node):
             self._resources.callback(actions.close)
         self._require_distinct_names()
         # The timer must run even when a simulated clock stands still.
-        self.create_timer(
+        timer = self.create_timer(
             TICK,
             self.guard.callback(self._tick),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
+        self._resources.callback(timer.cancel)
         self._announce()
         self._report_start()
 

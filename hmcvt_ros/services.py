@@ -172,6 +172,8 @@ class Services:
 
     def close(self) -> None:
         """Kill a running job."""
+        if self._activity.job is not None:
+            self._activity.job.ended = "the node was closed"
         self._worker.kill(wait=True)
 
     # --- services -----------------------------------------------------------------------------

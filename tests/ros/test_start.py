@@ -55,6 +55,11 @@ REFUSED = {
         {},
         "`reliability`: `often`",
     ),
+    "qos of negative depth": (
+        ["-p", "qos_overrides./engine_speed.subscription.depth:=-3"],
+        {},
+        "engine_speed",
+    ),
     "sim time": (["-p", "use_sim_time:=yes_please"], {}, "use_sim_time"),
     "domain": ([], {"ROS_DOMAIN_ID": "300"}, "ROS_DOMAIN_ID = 300; allowed 0 to 232"),
     "negative domain": ([], {"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = -1; allowed"),
