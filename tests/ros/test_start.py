@@ -216,6 +216,8 @@ def test_folders_with_spaces_do_not_leave_the_machine(tmp_path):
         (f"{model}: is damaged", "unit.yaml: is damaged"),
         (f"state_folder: {state} was removed", "state_folder: hmcvt was removed"),
         (f"[Errno 2] No such file: '{model}'", "[Errno 2] No such file: 'unit.yaml'"),
+        (f"serving {tmp_path}/other/params/hm4.yaml", "serving hm4.yaml"),
+        (f"{tmp_path.parent}/a/b.csv: row 2", "b.csv: row 2"),
         ("/usr/lib/x.so", "x.so"),
         ("1 / 2 and a/b", "1 / 2 and a/b"),
     ):
