@@ -127,8 +127,8 @@ class EfficiencyNode(Node):
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
 
-    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. Call
-    `close` before `destroy_node`.
+    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. `close`
+    or `destroy_node` ends what it has started.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -149,10 +149,10 @@ class EfficiencyNode(Node):
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._resources = ExitStack()
         self._process_id = os.getpid()
+        self._written = True  # what waited for the disk
         try:
             self._start()
         except BaseException:
-            self._resources.close()
             self.destroy_node()
             raise
 
@@ -190,6 +190,11 @@ class EfficiencyNode(Node):
         self._resources.close()
         return self._written
 
+    def destroy_node(self) -> None:
+        """Close the node and remove it from ROS."""
+        self.close()
+        super().destroy_node()
+
     # --- set-up -------------------------------------------------------------------------------
 
     def _start(self) -> None:
@@ -205,7 +210,6 @@ class EfficiencyNode(Node):
         self._follow_parameters()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
-        self._written = True  # what waited for the disk
         self._state = StateFolder(folder)
         self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")

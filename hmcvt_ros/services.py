@@ -175,6 +175,9 @@ class Services:
         if self._activity.job is not None:
             self._activity.job.ended = "the node was closed"
         self._worker.kill(wait=True)
+        executor = self._node.executor
+        if executor is not None:
+            executor.wake()  # so that the caller of the job gets a reply
 
     # --- services -----------------------------------------------------------------------------
 

@@ -520,6 +520,19 @@ def _(bench: Bench) -> str:
     return "reads the rows as they were"
 
 
+@fault(_RUNNING, "a person moves a column of the bench log")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    path = bench.state / "bench_samples.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    path.write_text("\n".join(",".join([row[2], *row[:2], *row[3:]]) for row in rows))
+    bench.reply("reidentify", success=True)
+    require(len(bench.rows()) == 8, f"{len(bench.rows())} of 8 rows")
+    bench.answers()
+    return "reads the rows as they were"
+
+
 @fault(_RUNNING, "a line of 40 million commas in the bench log")
 def _(bench: Bench) -> str:
     return _swollen(bench, b"," * 40_000_000)
@@ -855,6 +868,52 @@ def _(bench: Bench) -> str:
 @fault(_PROGRAM, "`sys.stdout = sys.stderr = None`")
 def _(bench: Bench) -> str:
     bench.host(before="sys.stdout = sys.stderr = None")
+    _serves_all(bench)
+    return "serves, logs and refits"
+
+
+@fault(_PROGRAM, "`close` during a diagnosis, and the program spins on")
+def _(bench: Bench) -> str:
+    bench.host(after="threading.Timer(8.0, node.close).start()")
+    bench.send_table()
+    reason = ""
+    end = time.monotonic() + REPLY
+    while "the node was closed" not in reason and time.monotonic() < end:
+        reason = str(bench.player.call("diagnose", REPLY).data.get("error", ""))
+    require("the node was closed" in reason, f"no reason: {reason}")
+    bench.answers()
+    return "answers; refuses jobs with the reason"
+
+
+@fault(_PROGRAM, "a second node of the same name and folder in the program")
+def _(bench: Bench) -> str:
+    bench.host(
+        after=(
+            "try:\n"
+            "    EfficiencyNode(\n"
+            "        namespace=node.get_namespace(),\n"
+            "        parameter_overrides=[node.get_parameter('state_folder')],\n"
+            "    )\n"
+            "except Exception as error:\n"
+            "    print(error, flush=True)"
+        )
+    )
+    require("in use by another node" in bench.log, bench.log[-300:])
+    _serves_all(bench)
+    return "refuses the second; the first serves, logs and refits"
+
+
+@fault(_PROGRAM, "`destroy_node` without `close`, then another node")
+def _(bench: Bench) -> str:
+    folder = str(bench.state)
+    bench.host(
+        before=(
+            "EfficiencyNode(\n"
+            "    namespace='/before',\n"
+            f"    parameter_overrides=[Parameter('state_folder', value={folder!r})],\n"
+            ").destroy_node()"
+        )
+    )
     _serves_all(bench)
     return "serves, logs and refits"
 

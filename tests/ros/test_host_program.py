@@ -93,6 +93,16 @@ def test_constructor_that_fails_keeps_nothing(host, tmp_path):
     make("own", **given)
 
 
+def test_node_that_is_destroyed_keeps_nothing(host, tmp_path):
+    _, make = host
+    threads = set(threading.enumerate())
+    make("own", state_folder=str(tmp_path)).destroy_node()
+    for started in set(threading.enumerate()) - threads:
+        started.join(timeout=30.0)
+    assert {t for t in threading.enumerate() if t.is_alive()} <= threads
+    make("own", state_folder=str(tmp_path))
+
+
 @pytest.mark.parametrize("kind", [MultiThreadedExecutor, EventsExecutor])
 def test_executor_that_does_not_serve_the_node_is_refused_by_name(host, tmp_path, kind):
     context, make = host
