@@ -70,6 +70,8 @@ DIAGNOSTICS_EVERY = 10
 """Ticks between two diagnostics: 1 Hz."""
 STAGE_LIMIT = 200
 """Most characters of the name of a stage."""
+JOINT_SHOWN = 100
+"""Most characters of the name of a joint that a message shows."""
 WATCHED_AT_ONCE = 200
 """Samples that the watch takes between two diagnostics; they take 10 ms."""
 
@@ -740,6 +742,10 @@ class EfficiencyNode(Node):
             self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
+            return
+        for joint in messages.unused_joints(message):
+            name = repr(joint[:JOINT_SHOWN])
+            self.guard.warn("joint", f"bench_sample: joint {name} is not used")
 
     def _stage_of_sample(self, frame: str) -> str:
         """Return the stage of a bench sample: of its `frame_id`, else the one engaged.
