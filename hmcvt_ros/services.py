@@ -38,6 +38,7 @@ PROGRESS_EVERY = 1.0
 """Time between two messages about a running job [s]."""
 
 _CANCELLED = "ended by ~/cancel"
+_GOAL_CANCELLED = "ended, because its goal was cancelled"
 
 
 class Progress:
@@ -263,8 +264,8 @@ class Services:
         return self._activity.job
 
     def end(self, job: Job) -> None:
-        """End a refit or a diagnosis because its client does not want it any more."""
-        self._end(job, _CANCELLED)
+        """End a refit or a diagnosis whose goal was cancelled."""
+        self._end(job, _GOAL_CANCELLED)
 
     def too_many(self) -> str:
         """Count a request; return why it is refused at once, empty where it is not."""
@@ -360,11 +361,13 @@ class Services:
         except _NotAdoptedError:
             ended = "refused"
             raise
+        except GeneratorExit:  # the node is gone, and its topics with it
+            ended = ""
+            raise
         finally:
             self._activity.job = None
-            if job.ended:
-                ended = "ended early"
-            self.progress.report(job, ended)
+            if ended:
+                self.progress.report(job, "ended early" if job.ended else ended)
 
     def _reason_to_end(self, job: Job) -> str:
         """Return why the worker must not continue; empty when it may."""
@@ -420,7 +423,7 @@ class Services:
             job.working = False
             job.computed = True
         if job.ended:
-            if job.ended != _CANCELLED:
+            if job.ended not in (_CANCELLED, _GOAL_CANCELLED):
                 self._activity.trouble = f"{job.name}: {job.ended}"
             raise HmcvtError(f"{job.name}: {job.ended}")
         return {**result, "seconds": round(job.seconds, 3)}

@@ -260,7 +260,7 @@ def test_goal_that_is_cancelled_ends_its_job(actions):
     status, result = diagnose.result(goal)
     assert status == GoalStatus.STATUS_CANCELED
     assert result.verdict == ""
-    assert "ended by" in result.reason
+    assert "its goal was cancelled" in result.reason
     assert node.comes(lambda: node.value("running") == "-")
 
 
@@ -311,3 +311,4 @@ def test_node_with_a_goal_under_way_ends_in_order(actions, table2):
     assert node.comes(lambda: diagnose.feedback)
     assert node.stop() == 0
     assert "Traceback" not in node.log
+    assert "InvalidHandle" not in node.log
