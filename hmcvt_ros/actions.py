@@ -96,10 +96,11 @@ class Actions:
             )
             self._servers.append(server)
 
-    def close(self) -> None:
+    def destroy(self) -> None:
         """Remove the actions from the node."""
-        for server in self._servers:
-            server.destroy()
+        self._goal = None
+        while self._servers:
+            self._servers.pop().destroy()
 
     def _take(self, request: Any) -> GoalResponse:
         """Reject a goal while a job is under way, or beyond the limit to requests."""

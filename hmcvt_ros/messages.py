@@ -157,7 +157,7 @@ def _stated(message: JointState, limits: Range, source: str) -> float | None:
     Raises:
         InputError: it is out of range.
     """
-    value = _position(message, limits.name)
+    value = _position(message, limits.name, source)
     if math.isnan(value):
         return None
     limits.check(value, source)
@@ -166,7 +166,7 @@ def _stated(message: JointState, limits: Range, source: str) -> float | None:
 
 def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str, ...]]:
     """Return the session that a message states, else another, as a column; empty without one."""
-    value = _position(message, SESSION)
+    value = _position(message, SESSION, _SOURCE)
     if math.isnan(value):
         return {} if otherwise is None else {SESSION: (str(otherwise),)}
     if not value.is_integer():
@@ -176,7 +176,7 @@ def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str,
     return {SESSION: (f"{value:.0f}",)}
 
 
-def _position(message: JointState, joint: str) -> float:
+def _position(message: JointState, joint: str, source: str) -> float:
     """Return the `position` of a joint; NaN where there is none.
 
     Raises:
@@ -186,7 +186,8 @@ def _position(message: JointState, joint: str) -> float:
     if joint not in names:
         return math.nan
     if names.count(joint) > 1:
-        raise InputError(f"joint {joint!r} stands {names.count(joint)} times in name")
+        times = names.count(joint)
+        raise InputError(f"{source}: joint {joint!r} stands {times} times in name")
     return float(message.position[names.index(joint)])
 
 

@@ -152,6 +152,7 @@ class EfficiencyNode(Node):
         self._resources = ExitStack()
         self._process_id = os.getpid()
         self._written = True  # what waited for the disk
+        self._actions: Actions | None = None  # where hmcvt_msgs is installed
         try:
             self._start()
         except BaseException:
@@ -195,6 +196,8 @@ class EfficiencyNode(Node):
     def destroy_node(self) -> None:
         """Close the node and remove it from ROS."""
         self.close()
+        if self._actions is not None:
+            self._actions.destroy()
         super().destroy_node()
 
     # --- set-up -------------------------------------------------------------------------------
@@ -253,8 +256,7 @@ class EfficiencyNode(Node):
         self._resources.callback(self._service_handlers.close)
         kinds = interfaces.find("action", "Refit")
         if kinds is not None:
-            actions = Actions(self, kinds, self._service_handlers, self._lines)
-            self._resources.callback(actions.close)
+            self._actions = Actions(self, kinds, self._service_handlers, self._lines)
         self._require_distinct_names()
         # The timer must run even when a simulated clock stands still.
         timer = self.create_timer(

@@ -153,7 +153,7 @@ def test_joint_that_is_not_used_is_named_and_a_doubled_one_refused(oil_node, tab
     assert oil_node.says("bench_sample: joint 'oil_temperture' is not used")
     doubled = stating(message(table2, 6), oil_temperature=50.0)
     oil_node.player.send_sample(stating(doubled, oil_temperature=70.0))
-    words = "joint 'oil_temperature' stands 2 times in name"
+    words = "bench_sample: joint 'oil_temperature' stands 2 times in name"
     assert oil_node.reports(DiagnosticStatus.WARN, words)
     assert oil_node.logged() == before + 1
 
