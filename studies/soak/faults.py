@@ -967,10 +967,10 @@ def _(bench: Bench) -> str:
             "    try:\n"
             "        while True: hold.append(open('/dev/null'))\n"
             "    except OSError: pass\n"
-            "threading.Timer(2.0, use_up).start()"
+            "threading.Timer(8.0, use_up).start()"
         )
     )
-    bench.player.spin_for(4.0)
+    bench.player.spin_for(10.0)
     bench.player.send_sample(bench_message(bench.table, 0))
     bench.told("Too many open files")
     bench.answers()
