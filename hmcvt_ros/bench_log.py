@@ -59,8 +59,8 @@ _CHAINED = (*COLUMNS, "stated_std", "crc", "chain")
 _CHAINED_WITH_STAGE = (*_CHAINED[:-2], "stage", "crc", "chain")
 _EARLIER = {len(_CHAINED), len(_CHAINED_WITH_STAGE)}
 """Counts of cells of an earlier version; each count is that of one header."""
-_NAMES = frozenset((*_HEADER_WITH_STAGE, *_CHAINED_WITH_STAGE))
-"""Columns of logs of all versions."""
+_NAMES = (*_HEADER_WITH_STAGE, "chain")
+"""Columns of logs of all versions, in their order."""
 _MARK = ",".join(COLUMNS).encode()
 """What the first line of every log holds."""
 _NOT_IN_A_STAGE = frozenset(',"#\n\r')
@@ -502,7 +502,7 @@ def _read(raw: bytes, cells: int) -> _Reading:
     added: list[str] = []
     last = 0
     numbers = _NUMBERS
-    picked: list[int] = []  # positions of the log's columns, where others were added
+    picked: list[int] = []  # positions of columns, where some were moved or added
     text = raw.removeprefix(codecs.BOM_UTF8)
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = raw.decode("utf-16", errors="replace").encode()
@@ -517,13 +517,13 @@ def _read(raw: bytes, cells: int) -> _Reading:
         header = [values[position] for position in known]
         if _is_header(header):
             numbers = _numbers_of(header)
-            picked = known if len(known) < len(values) else []
+            picked = known if known != list(range(len(values))) else []
             added += [name for name in values if name and name not in _NAMES]
             continue
         if not any(values):
             continue
         row = None
-        if picked and len(values) > picked[-1]:
+        if picked and len(values) > max(picked):
             row = _intact([values[position] for position in picked], numbers)
         if row is None:
             row = _intact(values, _NUMBERS if picked else numbers)
@@ -557,8 +557,10 @@ def _cells(line: bytes) -> list[str]:
 
 
 def _known_columns(cells: Sequence[str]) -> list[int]:
-    """Return the positions of the cells that name columns of the log."""
-    return [i for i, cell in enumerate(cells) if cell in _NAMES]
+    """Return the positions of the cells that name columns of the log, in the order of the log."""
+    if "crc" not in cells:  # no header, as nearly every line
+        return []
+    return [cells.index(name) for name in _NAMES if name in cells]
 
 
 def _is_header(cells: Sequence[str]) -> bool:
@@ -599,6 +601,8 @@ def _intact(cells: Sequence[str], numbers: Sequence[str]) -> _Row | None:
         number = int(float(cells[0]))
         values = [_number(cell) for cell in cells[1:end]]
     except (ValueError, OverflowError):
+        return None
+    if not 0 < number < _MAX_NUMBER:
         return None
     session, *others = cells[end:-1]
     words = [_whole(session), *others]

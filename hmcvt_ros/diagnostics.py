@@ -38,6 +38,7 @@ class Job:
         name: name of the service.
         started: start by the monotonic clock [s].
         working: whether the worker does it; otherwise it waits for a disk.
+        computed: whether the worker has done it, and its result is taken up.
         stopped: whether the worker was found stopped.
         starved: whether the worker got hardly any time on the processors and was begun again.
         ended: why it was ended early; empty when it was not.
@@ -46,6 +47,7 @@ class Job:
     name: str
     started: float = field(default_factory=time.monotonic)
     working: bool = False
+    computed: bool = False
     stopped: bool = False
     starved: bool = False
     ended: str = ""

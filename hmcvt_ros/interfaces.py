@@ -36,14 +36,19 @@ class Question(NamedTuple):
     oil_temperature: float | None
 
 
-def find() -> ModuleType | None:
-    """Return the module with the messages; None where hmcvt_msgs is not installed."""
+def find(part: str, member: str) -> ModuleType | None:
+    """Return a module of hmcvt_msgs; None where the package is not installed.
+
+    Args:
+        part: msg or action.
+        member: something that the module holds. In a checkout the folder of the package can be
+            imported, and holds nothing.
+    """
     try:
-        module = importlib.import_module("hmcvt_msgs.msg")
+        module = importlib.import_module(f"hmcvt_msgs.{part}")
     except ImportError:
         return None
-    # In a checkout the folder of the package can be imported, and holds no message.
-    return module if hasattr(module, "Advice") else None
+    return module if hasattr(module, member) else None
 
 
 def read(raw: bytes, kind: Any) -> Any:

@@ -40,7 +40,7 @@ from .inputs import (
     coasting,
     tolerated,
 )
-from .shafts import read_shafts
+from .shafts import JOINTS, read_shafts
 
 MAP_AXES = ("displacement_ratio", "engine_speed", "load_torque")
 RAW_LIMIT = 16_384
@@ -50,6 +50,8 @@ CHANNELS = tuple(column for column in BENCH_COLUMNS if column.joint)
 """What a bench sample may state in addition, each by the `position` of a joint of that name."""
 SESSION = "session"
 """Joint whose `position` is the number of the session of a bench sample."""
+_JOINTS = frozenset((*JOINTS, *(column.name for column in CHANNELS), SESSION))
+"""Joints of a bench sample that are used."""
 _SESSION_LIMIT = 2**31
 """Largest number of a session, as on the topic."""
 
@@ -144,13 +146,18 @@ def bench_sample_from_message(
     )
 
 
+def unused_joints(message: JointState) -> list[str]:
+    """Return the joints of a bench sample that are not used, such as ones with a misspelt name."""
+    return [name for name in message.name if name not in _JOINTS]
+
+
 def _stated(message: JointState, limits: Range, source: str) -> float | None:
     """Return what the joint of a quantity states by its `position`; None without one or for NaN.
 
     Raises:
         InputError: it is out of range.
     """
-    value = _position(message, limits.name)
+    value = _position(message, limits.name, source)
     if math.isnan(value):
         return None
     limits.check(value, source)
@@ -159,7 +166,7 @@ def _stated(message: JointState, limits: Range, source: str) -> float | None:
 
 def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str, ...]]:
     """Return the session that a message states, else another, as a column; empty without one."""
-    value = _position(message, SESSION)
+    value = _position(message, SESSION, _SOURCE)
     if math.isnan(value):
         return {} if otherwise is None else {SESSION: (str(otherwise),)}
     if not value.is_integer():
@@ -169,11 +176,18 @@ def _session(message: JointState, otherwise: int | None) -> dict[str, tuple[str,
     return {SESSION: (f"{value:.0f}",)}
 
 
-def _position(message: JointState, joint: str) -> float:
-    """Return the `position` of a joint; NaN where there is none."""
+def _position(message: JointState, joint: str, source: str) -> float:
+    """Return the `position` of a joint; NaN where there is none.
+
+    Raises:
+        InputError: there are several of its name.
+    """
     names = list(message.name)
     if joint not in names:
         return math.nan
+    if names.count(joint) > 1:
+        times = names.count(joint)
+        raise InputError(f"{source}: joint {joint!r} stands {times} times in name")
     return float(message.position[names.index(joint)])
 
 

@@ -41,6 +41,7 @@ from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined
 from hmcvt_tools import load_vehicle
 
 from . import interfaces, messages, parameters, qos
+from .actions import Actions
 from .bench_log import BenchLog
 from .clocks import CLOCK_TOPIC, AgeClock, Arrival, SimulatedClock, SteadyClock
 from .diagnostics import Activity, gap_status, inputs_status, model_status
@@ -69,6 +70,8 @@ DIAGNOSTICS_EVERY = 10
 """Ticks between two diagnostics: 1 Hz."""
 STAGE_LIMIT = 200
 """Most characters of the name of a stage."""
+JOINT_SHOWN = 100
+"""Most characters of the name of a joint that a message shows."""
 WATCHED_AT_ONCE = 200
 """Samples that the watch takes between two diagnostics; they take 10 ms."""
 
@@ -126,8 +129,8 @@ class EfficiencyNode(Node):
     `~/progress`, `/diagnostics`; services `~/reidentify`, `~/diagnose`, `~/adopt`, `~/revert`,
     `~/clear_samples`, `~/cancel`.
 
-    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. Call
-    `close` before `destroy_node`.
+    It runs in a `SingleThreadedExecutor`, together with other nodes, and refuses others. `close`
+    or `destroy_node` ends what it has started.
 
     Attributes:
         guard: contains errors of callbacks.
@@ -148,10 +151,11 @@ class EfficiencyNode(Node):
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._resources = ExitStack()
         self._process_id = os.getpid()
+        self._written = True  # what waited for the disk
+        self._actions: Actions | None = None  # where hmcvt_msgs is installed
         try:
             self._start()
         except BaseException:
-            self._resources.close()
             self.destroy_node()
             raise
 
@@ -189,6 +193,13 @@ class EfficiencyNode(Node):
         self._resources.close()
         return self._written
 
+    def destroy_node(self) -> None:
+        """Close the node and remove it from ROS."""
+        self.close()
+        if self._actions is not None:
+            self._actions.destroy()
+        super().destroy_node()
+
     # --- set-up -------------------------------------------------------------------------------
 
     def _start(self) -> None:
@@ -204,7 +215,6 @@ class EfficiencyNode(Node):
         self._follow_parameters()
         if self._settings.effects_file:
             load_effects(self._settings.effects_file)
-        self._written = True  # what waited for the disk
         self._state = StateFolder(folder)
         self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
@@ -244,13 +254,17 @@ class EfficiencyNode(Node):
             self._public,
         )
         self._resources.callback(self._service_handlers.close)
+        kinds = interfaces.find("action", "Refit")
+        if kinds is not None:
+            self._actions = Actions(self, kinds, self._service_handlers, self._lines)
         self._require_distinct_names()
         # The timer must run even when a simulated clock stands still.
-        self.create_timer(
+        timer = self.create_timer(
             TICK,
             self.guard.callback(self._tick),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
+        self._resources.callback(timer.cancel)
         self._announce()
         self._report_start()
 
@@ -365,7 +379,7 @@ class EfficiencyNode(Node):
         self._subscribe_raw(
             JointState, "bench_sample", self._on_bench_sample, qos.BENCH_SAMPLE, None
         )
-        self._typed: Any = interfaces.find()
+        self._typed: Any = interfaces.find("msg", "Advice")
         if self._typed is not None:
             self._advice_publisher = publisher(
                 self._typed.Advice, "~/advice", qos.OUTPUT
@@ -730,6 +744,10 @@ class EfficiencyNode(Node):
             self._log.submit(sample)
         except InputError as error:
             self._log.refuse(INVALID, str(error))
+            return
+        for joint in messages.unused_joints(message):
+            name = repr(joint[:JOINT_SHOWN])
+            self.guard.warn("joint", f"bench_sample: joint {name} is not used")
 
     def _stage_of_sample(self, frame: str) -> str:
         """Return the stage of a bench sample: of its `frame_id`, else the one engaged.

@@ -13,6 +13,8 @@ from pathlib import Path
 
 _FOLDERS = re.compile(r"""(?<![\w~./)-])(?:/[^/\s"',;:]+)+/""")
 """Folders in an absolute path."""
+_FURTHER = r"""(?:[^/\s"',;:]+/)*"""
+"""Folders in the rest of a path."""
 
 
 def printable(text: str) -> str:
@@ -45,14 +47,17 @@ class PublicText:
         for path in paths:
             for form in (path.absolute(), path.resolve()):
                 folders.update(f"{each}/" for each in (form, *form.parents))
+        self._state = {f"{folder.absolute()}/", f"{folder.resolve()}/"}
         # The root alone is no folder worth hiding, and "/" stands in many texts.
-        self._folders = sorted(folders - {"//"}, key=len, reverse=True)
+        known = sorted(folders - self._state - {"//"}, key=len, reverse=True)
+        either = "|".join(map(re.escape, known)) or "(?!)"
+        self._known = re.compile(f"(?:{either}){_FURTHER}")
 
     def __call__(self, text: str) -> str:
         """Return a text without folders of absolute paths and without control characters."""
-        for folder in self._folders:
+        for folder in self._state:
             text = text.replace(folder, "")
-        return printable(_FOLDERS.sub("", text))
+        return printable(_FOLDERS.sub("", self._known.sub("", text)))
 
     def names_folders(self, text: str) -> bool:
         """Whether a text names folders that must not leave the machine."""

@@ -4,6 +4,7 @@
 import copy
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -23,6 +24,9 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
+MAX_DEPTH = 100_000
+"""Largest depth that can be set: twenty times that of bench samples; chosen by us."""
+
 DIAGNOSTICS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -31,5 +35,15 @@ def overridable(profile: QoSProfile) -> dict[str, Any]:
     # A copy for each topic: rclpy writes the overrides into the profile that it is given.
     return {
         "qos_profile": copy.copy(profile),
-        "qos_overriding_options": QoSOverridingOptions.with_default_policies(),
+        "qos_overriding_options": QoSOverridingOptions.with_default_policies(
+            callback=_checked
+        ),
     }
+
+
+def _checked(profile: QoSProfile) -> SetParametersResult:
+    """Accept an overridden profile, unless its depth is not one that the middleware can use."""
+    if 1 <= profile.depth <= MAX_DEPTH:
+        return SetParametersResult(successful=True)
+    reason = f"depth {profile.depth}; allowed 1 to {MAX_DEPTH}"
+    return SetParametersResult(successful=False, reason=reason)

@@ -13,7 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
-from hmcvt_core import BenchSamples
+from hmcvt_core import BenchSamples, InputError
 
 from .bench_log import BenchLog, rows_of
 from .inputs import Tally
@@ -120,8 +120,17 @@ class Recorder:
         self.call(self._refuse, reason, complaint)
 
     def call(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Run work that waits for a disk in the thread, after everything that came before."""
-        return self._thread.submit(work, *arguments)
+        """Run work that waits for a disk in the thread, after everything that came before.
+
+        Raises:
+            InputError: the recorder is closed.
+        """
+        try:
+            return self._thread.submit(work, *arguments)
+        except RuntimeError:
+            raise InputError(
+                "the node was closed: it logs and refits no more"
+            ) from None
 
     def set_aside(self) -> tuple[int, Path | None]:
         """Begin a new log, as `BenchLog.set_aside`; for `call`."""

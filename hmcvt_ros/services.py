@@ -8,7 +8,7 @@ from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
@@ -38,13 +38,19 @@ PROGRESS_EVERY = 1.0
 """Time between two messages about a running job [s]."""
 
 _CANCELLED = "ended by ~/cancel"
+_GOAL_CANCELLED = "ended, because its goal was cancelled"
 
 
 class Progress:
-    """Publishes how far a job is on `~/progress`, as a JSON object."""
+    """Publishes how far a job is on `~/progress`, as a JSON object.
+
+    Attributes:
+        listener: called with the job and its state as well.
+    """
 
     def __init__(self, node: Node, public: PublicText) -> None:
         """Create the topic on a node."""
+        self.listener: Callable[[Job, str], None] = lambda job, state: None
         self._publisher = node.create_publisher(
             String,
             "~/progress",
@@ -60,6 +66,7 @@ class Progress:
         data = {"job": job.name, "state": state, "seconds": round(job.seconds, 1)}
         text = json.dumps({**data, **details})
         self._publisher.publish(String(data=self._public(text)))
+        self.listener(job, state)
 
     def repeat(self, job: Job) -> None:
         """Publish that a job is still running, once a second."""
@@ -75,11 +82,26 @@ class _NotAdoptedError(HmcvtError):
         self.details = {key: value for key, value in result.items() if key != "refused"}
 
 
+class Reply(NamedTuple):
+    """A reply to a request.
+
+    Attributes:
+        success: whether the work was done.
+        message: JSON object without folders.
+    """
+
+    success: bool
+    message: str
+
+
 class Services:
-    """The services of the node; each method without an underscore from `reidentify` on is one.
+    """The services of the node; each coroutine from `reidentify` to `cancel` is one.
 
     None takes a file name, because everyone on the network can call them. Refits and diagnoses are
     done by the worker process, the rest by the thread that waits for disks.
+
+    Attributes:
+        progress: publishes how far a job is.
     """
 
     def __init__(
@@ -115,7 +137,7 @@ class Services:
         self._public = public
         self._folder = log.log.path.parent
         self._worker = Worker()
-        self._progress = Progress(node, public)
+        self.progress = Progress(node, public)
         self._unanswered = 0  # requests
         self._requests = Budget(REQUESTS_PER_SECOND)
         # A group apart: a service that awaits a job would block the node's default group. It is
@@ -132,7 +154,7 @@ class Services:
             node.create_service(
                 Trigger,
                 f"~/{work.__name__}",
-                self._answering(work),
+                self._callback(work),
                 callback_group=group,
             )
 
@@ -141,7 +163,7 @@ class Services:
         job = self._activity.job
         if job is None or not job.working or job.ended:
             return
-        self._progress.repeat(job)
+        self.progress.repeat(job)
         reason = self._reason_to_end(job)
         if reason:
             self._end(job, reason)
@@ -151,7 +173,12 @@ class Services:
 
     def close(self) -> None:
         """Kill a running job."""
+        if self._activity.job is not None:
+            self._activity.job.ended = "the node was closed"
         self._worker.kill(wait=True)
+        executor = self._node.executor
+        if executor is not None:
+            executor.wake()  # so that the caller of the job gets a reply
 
     # --- services -----------------------------------------------------------------------------
 
@@ -231,36 +258,61 @@ class Services:
 
     # --- requests and replies -----------------------------------------------------------------
 
-    def _answering(self, work: Callable[[], Awaitable[Data]]) -> Callable[..., Any]:
-        """Return a service callback for work that returns the answer or raises the reason."""
+    @property
+    def job(self) -> Job | None:
+        """The job under way."""
+        return self._activity.job
+
+    def end(self, job: Job) -> None:
+        """End a refit or a diagnosis whose goal was cancelled."""
+        self._end(job, _GOAL_CANCELLED)
+
+    def too_many(self) -> str:
+        """Count a request; return why it is refused at once, empty where it is not."""
+        if not self._requests.spend(1):
+            return f"busy: more than {REQUESTS_PER_SECOND} requests a second"
+        if self._unanswered >= MAX_WAITING:
+            return f"busy: {MAX_WAITING} requests wait already for the disk"
+        return ""
+
+    async def answer(
+        self, work: Callable[[], Awaitable[Data]], refusal: str = ""
+    ) -> Reply:
+        """Do the work of a service.
+
+        Args:
+            work: does it and returns the answer, or raises the reason.
+            refusal: why it is not done at all; empty where it is.
+        """
         name = work.__name__
+        self._unanswered += 1
+        try:
+            if refusal:
+                raise HmcvtError(refusal)
+            data = await work()
+            end = self._summary(data)
+            self._lines.note(name, f"{name}: {end}")
+            success = True
+        except Exception as error:  # of any kind: it must not end the node
+            data, end = self._failure(name, error)
+            success = False
+        finally:
+            self._unanswered -= 1
+        if name in self._activity.ends:
+            self._activity.ends[name] = f"{utc_now()}, {end}"
+        # Without folders: do not disclose where the files are.
+        text = json.dumps(plain(data), allow_nan=False)
+        return Reply(success, self._public(text))
+
+    def _callback(self, work: Callable[[], Awaitable[Data]]) -> Callable[..., Any]:
+        """Return the callback of a service."""
 
         async def serve(
             request: Trigger.Request, response: Trigger.Response
         ) -> Trigger.Response:
-            self._unanswered += 1
-            try:
-                if not self._requests.spend(1):
-                    raise HmcvtError(
-                        f"busy: more than {REQUESTS_PER_SECOND} requests a second"
-                    )
-                if self._unanswered > MAX_WAITING:
-                    raise HmcvtError(
-                        f"busy: {MAX_WAITING} requests wait already for the disk"
-                    )
-                answer = await work()
-                end = self._summary(answer)
-                self._lines.note(name, f"{name}: {end}")
-                response.success = True
-            except Exception as error:  # of any kind: it must not end the node
-                answer, end = self._failure(name, error)
-            finally:
-                self._unanswered -= 1
-            if name in self._activity.ends:
-                self._activity.ends[name] = f"{utc_now()}, {end}"
-            # Without folders: do not disclose where the files are.
-            text = json.dumps(plain(answer), allow_nan=False)
-            response.message = self._public(text)
+            reply = await self.answer(work, self.too_many())
+            response.success = reply.success
+            response.message = reply.message
             return response
 
         return serve
@@ -309,11 +361,13 @@ class Services:
         except _NotAdoptedError:
             ended = "refused"
             raise
+        except GeneratorExit:  # the node is gone, and its topics with it
+            ended = ""
+            raise
         finally:
             self._activity.job = None
-            if job.ended:
-                ended = "ended early"
-            self._progress.report(job, ended)
+            if ended:
+                self.progress.report(job, "ended early" if job.ended else ended)
 
     def _reason_to_end(self, job: Job) -> str:
         """Return why the worker must not continue; empty when it may."""
@@ -338,6 +392,8 @@ class Services:
         settings = self._settings()
         samples = await self._on_disk(self._samples)
         self._activity.trouble = ""
+        if job.ended:
+            raise HmcvtError(f"{job.name}: {job.ended}")
         job.working = True
         given = {
             "work": work,
@@ -352,7 +408,7 @@ class Services:
                 jobs.with_proven, settings.job_memory_limit, **given
             )
             self._lines.note(f"{job.name} started", f"{job.name}: started on {samples}")
-            self._progress.report(job, "started", samples=samples.name)
+            self.progress.report(job, "started", samples=samples.name)
             result: Data = await self._result_despite_load(job, running, given)
         except (BrokenProcessPool, CancelledError):
             job.ended = job.ended or (
@@ -365,8 +421,9 @@ class Services:
             )
         finally:
             job.working = False
+            job.computed = True
         if job.ended:
-            if job.ended != _CANCELLED:
+            if job.ended not in (_CANCELLED, _GOAL_CANCELLED):
                 self._activity.trouble = f"{job.name}: {job.ended}"
             raise HmcvtError(f"{job.name}: {job.ended}")
         return {**result, "seconds": round(job.seconds, 3)}

@@ -520,6 +520,19 @@ def _(bench: Bench) -> str:
     return "reads the rows as they were"
 
 
+@fault(_RUNNING, "a person moves a column of the bench log")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    path = bench.state / "bench_samples.csv"
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    path.write_text("\n".join(",".join([row[2], *row[:2], *row[3:]]) for row in rows))
+    bench.reply("reidentify", success=True)
+    require(len(bench.rows()) == 8, f"{len(bench.rows())} of 8 rows")
+    bench.answers()
+    return "reads the rows as they were"
+
+
 @fault(_RUNNING, "a line of 40 million commas in the bench log")
 def _(bench: Bench) -> str:
     return _swollen(bench, b"," * 40_000_000)
@@ -859,6 +872,52 @@ def _(bench: Bench) -> str:
     return "serves, logs and refits"
 
 
+@fault(_PROGRAM, "`close` during a diagnosis, and the program spins on")
+def _(bench: Bench) -> str:
+    bench.host(after="threading.Timer(8.0, node.close).start()")
+    bench.send_table()
+    reason = ""
+    end = time.monotonic() + REPLY
+    while "the node was closed" not in reason and time.monotonic() < end:
+        reason = str(bench.player.call("diagnose", REPLY).data.get("error", ""))
+    require("the node was closed" in reason, f"no reason: {reason}")
+    bench.answers()
+    return "answers; refuses jobs with the reason"
+
+
+@fault(_PROGRAM, "a second node of the same name and folder in the program")
+def _(bench: Bench) -> str:
+    bench.host(
+        after=(
+            "try:\n"
+            "    EfficiencyNode(\n"
+            "        namespace=node.get_namespace(),\n"
+            "        parameter_overrides=[node.get_parameter('state_folder')],\n"
+            "    )\n"
+            "except Exception as error:\n"
+            "    print(error, flush=True)"
+        )
+    )
+    require("in use by another node" in bench.log, bench.log[-300:])
+    _serves_all(bench)
+    return "refuses the second; the first serves, logs and refits"
+
+
+@fault(_PROGRAM, "`destroy_node` without `close`, then another node")
+def _(bench: Bench) -> str:
+    folder = str(bench.state)
+    bench.host(
+        before=(
+            "EfficiencyNode(\n"
+            "    namespace='/before',\n"
+            f"    parameter_overrides=[Parameter('state_folder', value={folder!r})],\n"
+            ").destroy_node()"
+        )
+    )
+    _serves_all(bench)
+    return "serves, logs and refits"
+
+
 @fault(_PROGRAM, "a callback of the program raises, and it spins again")
 def _(bench: Bench) -> str:
     bench.host(
@@ -908,10 +967,10 @@ def _(bench: Bench) -> str:
             "    try:\n"
             "        while True: hold.append(open('/dev/null'))\n"
             "    except OSError: pass\n"
-            "threading.Timer(2.0, use_up).start()"
+            "threading.Timer(8.0, use_up).start()"
         )
     )
-    bench.player.spin_for(4.0)
+    bench.player.spin_for(10.0)
     bench.player.send_sample(bench_message(bench.table, 0))
     bench.told("Too many open files")
     bench.answers()

@@ -3,8 +3,8 @@
 
     python tests/ros/build_interfaces.py FOLDER
 
-makes FOLDER/hmcvt_msgs, a Python package of the same messages as `colcon build` makes of
-hmcvt_msgs, for the middleware of the wheels alone. With FOLDER on PYTHONPATH the node finds it.
+makes FOLDER/hmcvt_msgs, a Python package of the same messages and actions as `colcon build` makes
+of hmcvt_msgs, for the middleware of the wheels alone. With FOLDER on PYTHONPATH the node finds it.
 """
 
 import json
@@ -17,7 +17,13 @@ from pathlib import Path
 PACKAGE = "hmcvt_msgs"
 SOURCES = Path(__file__).resolve().parents[2] / PACKAGE
 SHARE = Path(sys.prefix) / "share"
-INCLUDED = ("std_msgs", "builtin_interfaces")
+INCLUDED = (
+    "std_msgs",
+    "builtin_interfaces",
+    "action_msgs",
+    "service_msgs",
+    "unique_identifier_msgs",
+)
 SUPPORT = "rosidl_typesupport_fastrtps_c"
 LINKED = (
     "rosidl_runtime_c",
@@ -45,7 +51,8 @@ def generate(folder: Path) -> None:
     from rosidl_adapter import convert_to_idl
 
     relative = []
-    for path in sorted(SOURCES.glob("msg/*.msg")):
+    sources = sorted([*SOURCES.glob("msg/*.msg"), *SOURCES.glob("action/*.action")])
+    for path in sources:
         kind = path.parent.name
         target = folder / kind
         target.mkdir(parents=True, exist_ok=True)
@@ -56,10 +63,14 @@ def generate(folder: Path) -> None:
         for idl in (SHARE / package).glob("**/*.idl"):
             dependencies.append(f"{package}:{idl}")
 
-    def arguments(generator: str, **more: object) -> str:
+    # Its sources have the names of those of rosidl_generator_c.
+    apart = folder.parent / "introspection" / PACKAGE
+    apart.mkdir(parents=True, exist_ok=True)
+
+    def arguments(generator: str, output: Path = folder, **more: object) -> str:
         data = {
             "package_name": PACKAGE,
-            "output_dir": str(folder),
+            "output_dir": str(output),
             "template_dir": str(SHARE / generator / "resource"),
             "idl_tuples": [f"{folder}:{path}" for path in relative],
             "ros_interface_dependencies": dependencies,
@@ -81,14 +92,14 @@ def generate(folder: Path) -> None:
         arguments(
             "rosidl_generator_c",
             type_description_tuples=described,
-            ros_interface_files=[str(path) for path in SOURCES.glob("msg/*.msg")],
+            ros_interface_files=[str(path) for path in sources],
         )
     )
     rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(
         arguments(SUPPORT, type_description_tuples=described)
     )
     rosidl_typesupport_introspection_c.generate_c(
-        arguments(INTROSPECTION, type_description_tuples=described)
+        arguments(INTROSPECTION, apart, type_description_tuples=described)
     )
     rosidl_typesupport_c.generate_c(
         arguments("rosidl_typesupport_c", type_description_tuples=described),
@@ -98,8 +109,9 @@ def generate(folder: Path) -> None:
         arguments("rosidl_generator_py", type_description_tuples=described),
         ["rosidl_typesupport_c"],
     )
-    for generator in ("rosidl_generator_c", SUPPORT, INTROSPECTION):
-        _write_visibility(folder, generator)
+    _write_visibility(folder, "rosidl_generator_c")
+    _write_visibility(folder, SUPPORT)
+    _write_visibility(apart, INTROSPECTION)
     (folder / "__init__.py").touch()
 
 
@@ -109,7 +121,9 @@ def _write_visibility(folder: Path, generator: str) -> None:
     text = (SHARE / generator / "resource" / f"{name}.in").read_text(encoding="utf-8")
     text = text.replace("@PROJECT_NAME@", PACKAGE)
     text = text.replace("@PROJECT_NAME_UPPER@", PACKAGE.upper())
-    (folder / "msg" / name).write_text(text, encoding="utf-8")
+    target = folder / "msg" / name
+    target.parent.mkdir(exist_ok=True)
+    target.write_text(text, encoding="utf-8")
 
 
 def compile_package(folder: Path) -> Path:
@@ -118,7 +132,12 @@ def compile_package(folder: Path) -> Path:
 
     site = Path(sysconfig.get_path("purelib"))
     root = folder.parent
-    include = [root, numpy.get_include(), sysconfig.get_path("include")]
+    include = [
+        root,
+        root / "introspection",
+        numpy.get_include(),
+        sysconfig.get_path("include"),
+    ]
     include.append(Path(sys.prefix) / "include")
     include += [
         path for path in (Path(sys.prefix) / "include").iterdir() if path.is_dir()
@@ -128,9 +147,11 @@ def compile_package(folder: Path) -> Path:
     objects = []
     # Together where names do not collide: reading the headers takes longest.
     alone = sorted(folder.rglob("*__description.c"))
+    apart = root / "introspection" / PACKAGE
     together = []
     for suffix in (".c", ".cpp"):
-        sources = sorted(set(folder.rglob(f"*{suffix}")) - set(alone))
+        everywhere = [*folder.rglob(f"*{suffix}"), *apart.rglob(f"*{suffix}")]
+        sources = sorted(set(everywhere) - set(alone))
         everything = root / f"everything{suffix}"
         lines = [f'#include "{source}"' for source in sources]
         everything.write_text("\n".join(lines) + "\n", encoding="utf-8")

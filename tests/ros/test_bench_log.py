@@ -266,6 +266,32 @@ def test_column_that_a_person_adds_is_taken_out_and_told(path, place):
     assert "taken out ('my note'), the file as it was is kept" in log.recovered
 
 
+def test_columns_that_a_person_moves_keep_all_rows(path):
+    filled(path, 3)
+    before = path.read_bytes()
+    lines = [line.split(",") for line in before.decode().splitlines()]
+    for cells in lines:
+        cells.insert(0, cells.pop(3))
+        cells.insert(6, cells.pop())
+    path.write_text("\n".join(map(",".join, lines)))
+    log = BenchLog(path, limit=100)
+    assert (len(log), log.recovered) == (3, "")
+    assert path.read_bytes() == before
+
+
+def test_row_with_a_number_that_the_log_never_gives_is_damaged(path):
+    filled(path, 3)
+    body = path.read_text().splitlines()[-1].split(",", 1)[1].rsplit(",", 1)[0]
+    for number in (-7, 0, 10**16):
+        text = f"{number},{body}"
+        with path.open("a") as file:
+            file.write(f"{text},x{zlib.crc32(text.encode()):08x}\n")
+        log = BenchLog(path, limit=100)
+        assert len(log) == 3
+        assert "1 damaged lines taken out (line 5)" in log.recovered
+        assert "gone" not in log.recovered
+
+
 @pytest.mark.parametrize("rows", [0, 3])
 def test_rows_missing_at_the_end_are_noticed_after_a_restart(path, rows):
     filled(path, 9).note()

@@ -146,6 +146,18 @@ def test_oil_temperature_comes_by_a_topic_too(oil_node, ask, table2):
     player.destroy_publisher(sessions)
 
 
+def test_joint_that_is_not_used_is_named_and_a_doubled_one_refused(oil_node, table2):
+    before = oil_node.logged()
+    oil_node.player.send_sample(stating(message(table2, 5), oil_temperture=50.0))
+    assert oil_node.comes(lambda: oil_node.logged() == before + 1)
+    assert oil_node.says("bench_sample: joint 'oil_temperture' is not used")
+    doubled = stating(message(table2, 6), oil_temperature=50.0)
+    oil_node.player.send_sample(stating(doubled, oil_temperature=70.0))
+    words = "bench_sample: joint 'oil_temperature' stands 2 times in name"
+    assert oil_node.reports(DiagnosticStatus.WARN, words)
+    assert oil_node.logged() == before + 1
+
+
 def test_model_without_oil_is_not_widened():
     assert depends_on_oil(MODEL)
     assert not depends_on_oil(replace(MODEL, effects=()))

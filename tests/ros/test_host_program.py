@@ -3,9 +3,11 @@
 
 import multiprocessing
 import os
+import shutil
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -18,6 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 import hmcvt_core as hmcvt
 from hmcvt_ros.node import EfficiencyNode
 from hmcvt_ros.worker import Worker
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def wait_long(seconds):
@@ -89,6 +93,16 @@ def test_constructor_that_fails_keeps_nothing(host, tmp_path):
     make("own", **given)
 
 
+def test_node_that_is_destroyed_keeps_nothing(host, tmp_path):
+    _, make = host
+    threads = set(threading.enumerate())
+    make("own", state_folder=str(tmp_path)).destroy_node()
+    for started in set(threading.enumerate()) - threads:
+        started.join(timeout=30.0)
+    assert {t for t in threading.enumerate() if t.is_alive()} <= threads
+    make("own", state_folder=str(tmp_path))
+
+
 @pytest.mark.parametrize("kind", [MultiThreadedExecutor, EventsExecutor])
 def test_executor_that_does_not_serve_the_node_is_refused_by_name(host, tmp_path, kind):
     context, make = host
@@ -126,4 +140,32 @@ def test_two_nodes_serve_in_one_program(host, tmp_path):
     while min(node.ticks for node in nodes) < 3 and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=1.0)
     assert min(node.ticks for node in nodes) >= 3
+    executor.shutdown()
+
+
+def test_node_that_is_closed_says_so_and_still_answers(host, tmp_path):
+    context, make = host
+    folder = tmp_path / "state"
+    node = make("own", state_folder=str(folder), samples_file="bench.csv")
+    shutil.copy(ROOT / "data" / "table2.csv", folder / "bench.csv")
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    services = node._service_handlers
+    diagnosis = executor.create_task(services.answer, services.diagnose)
+    deadline = time.monotonic() + 30.0
+    while not (services.job and services.job.working):
+        executor.spin_once(timeout_sec=0.1)
+        assert time.monotonic() < deadline
+    assert node.close()
+    while not diagnosis.done():
+        executor.spin_once(timeout_sec=0.1)
+        assert time.monotonic() < deadline
+    assert "diagnose: the node was closed" in diagnosis.result().message
+    refit = executor.create_task(services.answer, services.reidentify)
+    ticks = node.ticks
+    while not refit.done():
+        executor.spin_once(timeout_sec=0.1)
+        assert time.monotonic() < deadline
+    assert "the node was closed" in refit.result().message
+    assert node.ticks == ticks
     executor.shutdown()

@@ -1,7 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The messages of hmcvt_msgs: built here, taken by a node, and answered as the standard ones."""
+"""The messages and actions of hmcvt_msgs: built here, taken by a node, and answered."""
 
 import importlib
+import json
 import math
 import os
 import shutil
@@ -10,10 +11,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from ros_bench import GOOD
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from ros_bench import GOOD, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_ros import interfaces, qos
+from hmcvt_ros.actions import diagnose_result, refit_result
+from hmcvt_ros.services import Reply
 
 pytestmark = pytest.mark.slow
 
@@ -85,7 +91,7 @@ def test_checkout_is_not_taken_for_the_package(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(sys, "path", [str(ROOT), *sys.path])
     importlib.invalidate_caches()
-    assert interfaces.find() is None
+    assert interfaces.find("msg", "Advice") is None
 
 
 def test_point_is_answered_as_the_model_does(ask):
@@ -154,3 +160,155 @@ def test_sample_is_logged_with_all_that_it_states(messages, typed_node):
     assert bench.extra["stated_pressure"] == ("", "20000000.0")
     assert bench.extra["stated_session"] == ("", "3")
     assert typed_node.says("engine speed 0 rad/s must be positive")
+
+
+class ActionUnderTest:
+    """A client of an action, and the feedback that it has heard."""
+
+    def __init__(self, node, kind, name):
+        self.node = node
+        self.kind = kind
+        self.feedback = []
+        self.client = ActionClient(node.player, kind, f"{node.namespace}/hmcvt/{name}")
+        assert node.comes(self.client.server_is_ready, 20.0)
+
+    def send(self):
+        """Send a goal; return its handle."""
+        return self.wait(
+            self.client.send_goal_async(
+                self.kind.Goal(),
+                feedback_callback=lambda heard: self.feedback.append(heard.feedback),
+            )
+        )
+
+    def wait(self, future):
+        assert self.node.comes(future.done, 100.0)
+        return future.result()
+
+    def result(self, goal):
+        """Return status and result of a goal."""
+        response = self.wait(goal.get_result_async())
+        return response.status, response.result
+
+
+@pytest.fixture(scope="module")
+def actions(messages, start_node, paper_file, table2):
+    """A node with eight samples, and clients of its actions."""
+    kinds = importlib.import_module("hmcvt_msgs.action")
+    node = start_node(paper_file)
+    send_table(node, table2)
+    return (
+        node,
+        ActionUnderTest(node, kinds.Refit, "reidentify"),
+        ActionUnderTest(node, kinds.Diagnose, "diagnose"),
+    )
+
+
+def test_goal_refits_as_the_service_does(actions):
+    node, refit, _ = actions
+    status, result = refit.result(refit.send())
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    assert result.outcome == result.ADOPTED
+    served = hmcvt.load_model(node.state / result.file)
+    assert result.model == served.fingerprint
+    assert node.comes(lambda: node.value("fingerprint") == result.model)
+    assert result.samples == 8
+    assert result.error_after < result.error_before
+    reply = json.loads(result.reply)
+    assert reply["largest_change"] == result.largest_change
+    assert refit.feedback[0].state == "started"
+    assert refit.feedback[-1].state == "done"
+    assert node.player.call("revert").success
+
+
+def test_goal_diagnoses_as_the_service_does(actions):
+    node, _, diagnose = actions
+    status, result = diagnose.result(diagnose.send())
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    expected = node.player.call("diagnose").data
+    assert result.verdict == expected["verdict"]
+    assert json.loads(result.reply)["sets"] == expected["sets"]
+    assert (node.state / result.report).is_file()
+    assert result.reason == ""
+
+
+def test_results_hold_what_the_replies_do(messages):
+    kinds = importlib.import_module("hmcvt_msgs.action")
+    first = {"effects": ["clutch_drag", "leakage"], "probability": 0.6}
+    reply = {"verdict": "ambiguous", "sets": [first, {"effects": []}], "report": None}
+    result = diagnose_result(kinds.Diagnose.Result, Reply(True, json.dumps(reply)))
+    assert result.effects == first["effects"]
+    assert result.probability == 0.6
+    assert result.report == ""
+    reply = {"error": "too far", "candidate": "candidates/0001.yaml", "samples": 9}
+    result = refit_result(kinds.Refit.Result, Reply(False, json.dumps(reply)))
+    assert (result.outcome, result.reason) == (result.REFUSED, "too far")
+    assert result.file == "candidates/0001.yaml"
+    reply = {"staged": True, "doubt": "it drifts", "model": "ab", "file": "m.yaml"}
+    result = refit_result(kinds.Refit.Result, Reply(True, json.dumps(reply)))
+    assert (result.outcome, result.reason) == (result.STAGED, "it drifts")
+    assert math.isnan(result.error_before)
+
+
+def test_goal_that_is_cancelled_ends_its_job(actions):
+    node, _, diagnose = actions
+    diagnose.feedback.clear()
+    goal = diagnose.send()
+    assert node.comes(lambda: diagnose.feedback)
+    cancelling = diagnose.wait(goal.cancel_goal_async())
+    assert cancelling.return_code == CancelGoal.Response.ERROR_NONE
+    status, result = diagnose.result(goal)
+    assert status == GoalStatus.STATUS_CANCELED
+    assert result.verdict == ""
+    assert "its goal was cancelled" in result.reason
+    assert node.comes(lambda: node.value("running") == "-")
+
+
+def test_goal_that_is_cancelled_at_once_ends_early(actions):
+    _, _, diagnose = actions
+    goal = diagnose.send()
+    diagnose.wait(goal.cancel_goal_async())
+    status, _ = diagnose.result(goal)
+    assert status == GoalStatus.STATUS_CANCELED
+
+
+def test_goal_beside_a_job_is_rejected(actions):
+    node, refit, diagnose = actions
+    running = node.running("diagnose")
+    assert not refit.send().accepted
+    assert not diagnose.send().accepted
+    assert node.says("a goal is rejected: busy: diagnose has been running")
+    assert node.player.call("cancel").success
+    diagnose.wait(running)
+
+
+def test_job_of_a_goal_is_ended_by_the_service(actions):
+    node, _, diagnose = actions
+    diagnose.feedback.clear()
+    goal = diagnose.send()
+    assert node.comes(lambda: diagnose.feedback)
+    assert node.player.call("cancel").success
+    status, result = diagnose.result(goal)
+    assert status == GoalStatus.STATUS_ABORTED
+    assert "ended by ~/cancel" in result.reason
+
+
+def test_refit_without_samples_is_aborted_with_the_reason(actions, table2):
+    node, refit, _ = actions
+    assert node.player.call("clear_samples").success
+    status, result = refit.result(refit.send())
+    assert status == GoalStatus.STATUS_ABORTED
+    assert result.outcome == result.FAILED
+    assert "no bench samples logged" in result.reason
+    assert math.isnan(result.error_after)
+
+
+def test_node_with_a_goal_under_way_ends_in_order(actions, table2):
+    node, _, diagnose = actions
+    send_table(node, table2)
+    diagnose.feedback.clear()
+    diagnose.send()
+    assert node.comes(lambda: diagnose.feedback)
+    assert node.stop() == 0
+    assert "Traceback" not in node.log
+    assert "InvalidHandle" not in node.log

@@ -368,6 +368,7 @@ def test_model_survives_every_end_and_the_worker_none(start_node, paper_file, ta
     node.player.send_inputs(GOOD)
     asked = time.monotonic()
     assert node.stop(signal.SIGTERM) == 0, node.log
+    assert "InvalidHandle" not in node.log
     assert time.monotonic() - asked < 3.0
     assert "Traceback" not in node.log
     assert "stopping: asked to by a signal" in node.log

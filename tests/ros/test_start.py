@@ -55,6 +55,11 @@ REFUSED = {
         {},
         "`reliability`: `often`",
     ),
+    "qos of negative depth": (
+        ["-p", "qos_overrides./engine_speed.subscription.depth:=-3"],
+        {},
+        "engine_speed",
+    ),
     "sim time": (["-p", "use_sim_time:=yes_please"], {}, "use_sim_time"),
     "domain": ([], {"ROS_DOMAIN_ID": "300"}, "ROS_DOMAIN_ID = 300; allowed 0 to 232"),
     "negative domain": ([], {"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID = -1; allowed"),
@@ -211,6 +216,8 @@ def test_folders_with_spaces_do_not_leave_the_machine(tmp_path):
         (f"{model}: is damaged", "unit.yaml: is damaged"),
         (f"state_folder: {state} was removed", "state_folder: hmcvt was removed"),
         (f"[Errno 2] No such file: '{model}'", "[Errno 2] No such file: 'unit.yaml'"),
+        (f"serving {tmp_path}/other/params/hm4.yaml", "serving hm4.yaml"),
+        (f"{tmp_path.parent}/a/b.csv: row 2", "b.csv: row 2"),
         ("/usr/lib/x.so", "x.so"),
         ("1 / 2 and a/b", "1 / 2 and a/b"),
     ):
