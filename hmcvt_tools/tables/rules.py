@@ -71,12 +71,13 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "standardabweichung",
         "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
         "hydrauliktank oeltank sumpf oelsumpf \u6cb9\u6db2 \u6cb9",
-        "pump": "pump pumpe pompe pompa bomba \u6cf5 \u53d8\u91cf\u6cf5",
+        "pump": "pump pumpe pompe pompa bomba hydropumpe \u6cf5 \u53d8\u91cf\u6cf5",
         "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
-        "alta baja bassa system",
+        "alta baja bassa system \u7cfb\u7edf \u9ad8\u538b \u4f4e\u538b",
         "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
-        "gavage suralimentation alimentation \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
-        "neutral": "of the at and de du des del di la le les el il der die das am pro "
+        "gavage suralimentation alimentation admission admision aspirazione "
+        "sovralimentazione sobrealimentacion \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
+        "neutral": "of the at and de du des del della dell di la le les el il der die das am pro "
         "shaft welle arbre albero eje value values val wert mean average avg mittel "
         "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
         "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
@@ -84,13 +85,16 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "position pos angle winkel relative norm normalized relativ relativer "
         "relativa relativo relatives relatif rel dell permille promille tilt setting "
         "verhaeltnis verstell taux rapport rapporto relacion inclinaison inclinazione "
-        "inclinacion posicion posizione \u503e\u89d2\u6bd4 \u503e\u89d2 \u5f00\u5ea6 "
+        "inclinacion posicion posizione angulo angolo global globale totale totales "
+        "complessivo boite cambio caja transmision trasmissione hydraulik hydraulique "
+        "hidraulico hidraulica idraulico idraulica diferencial differenziale "
+        "differentielle \u503e\u89d2\u6bd4 \u503e\u89d2 \u5f00\u5ea6 "
         "\u76f8\u5bf9 percent delta d diff "
         "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
         "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
-        "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
+        "median point \u6db2\u538b \u4f20\u52a8 "
         "\u53d8\u901f\u7bb1 bench pruefstand x",
-        "loss": "loss losses verlust verluste perte perdida perdita",
+        "loss": "loss losses verlust verluste perte perdida perdita \u635f\u5931",
         "other": "fuel kraftstoff "
         "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
         "commanded demand demanded desired requested request limit limits max maximum "
@@ -107,7 +111,16 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "predicted prediction simulated simulation sim model modelled nominal nenn rated "
         "electric electrical elektrisch electrique "
         "barometric barometer atmospheric atmosphere luftdruck "
-        "torsional weather humidity tyre tire reifen reference ref",
+        "torsional weather humidity tyre tire reifen reference ref "
+        "volumetrischer mechanischer drawbar barre barra tiro traction turbine "
+        "turbolader intermediate layshaft countershaft pinion steg sonnenrad hohlrad "
+        "hydromotor hydraulikmotor schalt achs seitenwelle kupplung clutch "
+        "kuehlmittel halle hallen "
+        "roue rueda ruota ruote prise toma presa tdf ralenti consigne consigna "
+        "massimo massima minimo minima maximo maxima maximal maximale minimal minimale "
+        "\u9a6c\u8fbe \u51b7\u5374 \u51b7\u5374\u6c34 \u51b7\u5374\u6db2 \u6c34\u6e29 \u73af\u5883 \u52a8\u529b\u8f93\u51fa "
+        "\u52a8\u529b\u8f93\u51fa\u8f74 \u8f6e\u901f \u8f66\u8f6e \u6700\u5927 \u6700\u5c0f \u76ee\u6807 \u989d\u5b9a "
+        "\u9f7f\u5708 \u592a\u9633\u8f6e \u884c\u661f\u67b6 \u7535\u673a \u6da1\u8f6e \u8f66\u901f",
     }
 )
 """Words by meaning, without accents; umlauts as two letters."""
@@ -123,6 +136,9 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "toil": ("oil", "temperature"),
         "toel": ("oil", "temperature"),
         "\u6cb9\u6e29": ("oil", "temperature"),
+        "\u673a\u6cb9": ("engine", "oil"),
+        "raddrehzahl": ("other", "speed"),
+        "radmoment": ("other", "torque"),
     }
 )
 """Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
@@ -131,10 +147,16 @@ _OF_A_PART = frozenset(
         *("gear", "gears", "zahnrad", "verzahnung", "planetary", "planet", "mesh"),
         *("differential", "clutch", "kupplung", "variator", "hst", "hydrostat"),
         *("brake", "belt", "drive", "axle", "stage", "stufe"),
+        *("v", "hm", "mh", "diferencial", "differenziale", "differentielle"),
     }
 )
 """Next to an efficiency these words name a part of the transmission, or more than it."""
-_DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
+_DIFFERENCE = frozenset(
+    {
+        *("delta", "diff", "difference", "differential"),
+        *("diferencial", "differenziale", "differentielle"),
+    }
+)
 """Next to what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
@@ -145,7 +167,11 @@ _GERMANIC_KINDS = frozenset(
 """Next to these words `motor` is German or Spanish and means the engine."""
 
 _OIL_PLACES = frozenset(
-    {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
+    {
+        *("getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"),
+        *("boite", "cambio", "caja", "transmision", "trasmissione", "hydraulik"),
+        *("hydraulique", "hidraulico", "hidraulica", "idraulico", "idraulica"),
+    }
 )
 
 _PORTS = frozenset({"a", "b", "port"})
@@ -155,10 +181,13 @@ _FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
 _OF_THE_HYDRAULICS = frozenset(
     {
         *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
-        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
+        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique", "hydraulik"),
+        *("hidraulico", "hidraulica", "idraulico", "idraulica", "\u6db2\u538b"),
     }
 )
 """Next to a power or an efficiency these words name the hydraulic path alone."""
+_HYDRAULIC_MOTORS = frozenset({"moteur", "motore"})
+"""Next to a stroke these words, which else name the engine, name the hydraulic motor."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -249,6 +278,7 @@ def _compound_parts() -> list[str]:
 
 
 _LONG = _compound_parts()
+_COMPOUND_PARTS = frozenset(_LONG)
 _LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
 _CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
@@ -476,15 +506,29 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         against |= means & {"pump", "feed", "oil", "std"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
+    elif kind == "stroke":
+        listed = _HYDRAULIC_MOTORS
     lowered = [word.lower() for word in words]
     for word, low in zip(words, lowered, strict=True):
         if low == "operating" and "point" in lowered:
             continue
-        if low in listed or against & set(_word_meanings(low)):
+        if _is_or_begins_with(low, listed) or against & set(_word_meanings(low)):
             return word
         if low.endswith(_RATIOS) and kind not in ("stroke", "efficiency"):
             return word
     return ""
+
+
+def _is_or_begins_with(word: str, listed: Set[str]) -> bool:
+    """Return whether a word is listed, or composed of a listed one and others."""
+    if word in listed:
+        return True
+    if word in _MEANINGS or not _word_meanings(word):
+        return False
+    beginnings = [
+        part for part in listed if part in _COMPOUND_PARTS and word.startswith(part)
+    ]
+    return bool(beginnings)
 
 
 def _kinds_clash(quantity: str, kind: str, words: list[str]) -> str:
