@@ -135,21 +135,26 @@ class BusLog(Log):
                 break
         if not frames_seen:
             raise InputError(f"{self.path}: holds no CAN frame")
-        self._refuse_foreign_dbc(sources)
+        self._require_known_message(sources)
         return sources
 
-    def _refuse_foreign_dbc(self, counted: Collection[_Key]) -> None:
-        """Refuse a DBC none of whose messages is on the bus: it is that of another machine.
+    def _require_known_message(self, counted: Collection[_Key]) -> None:
+        """Refuse a bus of which no message is known, and a DBC of another machine.
 
         Args:
             counted: messages that the bus carries.
 
         Raises:
-            InputError: it is.
+            InputError: no message of J1939 or of the DBC is on the bus.
         """
-        if not self._messages or any(
-            _key_of(item) in counted for item in self._messages
-        ):
+        if not self._messages:
+            if not counted:
+                raise InputError(
+                    f"{self.path}: no message of its frames is one of J1939 that hmcvt "
+                    "reads: add the signals of the bus by --dbc FILE"
+                )
+            return
+        if any(_key_of(item) in counted for item in self._messages):
             return
         names = ", ".join(item.name for item in self._messages[:_NAMED])
         more = ", ..." if len(self._messages) > _NAMED else ""

@@ -19,6 +19,7 @@ from hmcvt_core.files.bench import BenchSamples, column_name
 from hmcvt_core.files.numbers import is_number, no_number
 from hmcvt_core.transmission.quantities import BY_NAME
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, Array
+from hmcvt_core.transmission.units import UNITS, kind_of
 
 from .checks import (
     causes_of_efficiency,
@@ -57,7 +58,7 @@ from .rules import meaning_of
 from .shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
 from .stamps import joined_stamps, read_times
 from .summaries import header_rows, summary_rows
-from .units import UNITS, kind_of, to_si, unit_of
+from .units import to_si, unit_of
 
 __all__ = [
     "UNITS",

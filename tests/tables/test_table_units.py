@@ -6,7 +6,8 @@ import re
 import pint
 import pytest
 
-from hmcvt_tools.tables.units import KIND_UNITS, UNITS, kind_of, to_si
+from hmcvt_core.transmission.units import KIND_UNITS, UNITS, kind_of
+from hmcvt_tools.tables.units import to_si
 
 REGISTRY = pint.UnitRegistry()
 BASES = {
