@@ -38,23 +38,28 @@ class _Key(NamedTuple):
         group: parameter group number; None for an identifier that has to match.
         identifier: 11 or 29 bits, where `group` is None.
         is_extended: whether it has 29 bits.
+        source: address that sends a message of a group; -1 for any.
     """
 
     group: int | None
     identifier: int
     is_extended: bool
+    source: int = -1
 
     def mask(self, frames: Frames, groups: Any) -> Any:
         """Return which frames are of the message, shape (n,)."""
         if self.group is not None:
-            return np.asarray(frames.extended & (groups == self.group))
+            of_group = frames.extended & (groups == self.group)
+            if self.source >= 0:
+                of_group &= frames.source == self.source
+            return np.asarray(of_group)
         same = frames.identifier == self.identifier
         return np.asarray(same & (frames.extended == self.is_extended))
 
 
 def _key_of(message: Message) -> _Key:
     """Return what selects the frames of a message of a DBC."""
-    return _Key(message.group, message.identifier, message.is_extended)
+    return _Key(message.group, message.identifier, message.is_extended, message.address)
 
 
 class _Sender(NamedTuple):

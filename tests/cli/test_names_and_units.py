@@ -1,12 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Names and units of tables in several languages, of cycles, engine maps and units."""
 
+import click
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
 import hmcvt_tools
 from hmcvt_core.errors import InputError
+from hmcvt_tools.cli import quantities
 from hmcvt_tools.mission.cycle import read_cycle
 from hmcvt_tools.tables.rules import meaning_of
 
@@ -272,6 +274,104 @@ def test_an_absurd_fuel_at_part_load_is_refused(tmp_path):
         InputError, match=r"row \d+: \d+ r/min, 250 N m: fuel at part load"
     ):
         engine_map(tmp_path / "e.csv", worst=2100.0)
+
+
+ENGINE_POINTS = [
+    (speed, torque, fuel)
+    for speed in (1000.0, 1500.0, 2000.0)
+    for torque, fuel in ((100.0, 300.0), (250.0, 230.0), (400.0, 220.0))
+]
+"""Speed [r/min], torque [N m] and fuel [g/kWh]."""
+
+
+@pytest.mark.parametrize(
+    ("header", "sizes"),
+    [
+        ("rpm,torque_Nm,bsfc_g_per_kWh", (1.0, 1.0, 1.0)),
+        ("Engine Speed (rpm),Torque (lb-ft),BSFC (g/kW-hr)", (1.0, 1.35582, 1.0)),
+        ("R\u00e9gime moteur (tr/min),Couple moteur [daN m],BSFC [g/kWh]", (1, 10, 1)),
+        ("Motordrehzahl [U/min],Motormoment [Nm],Verbrauch [kg/kWh]", (1, 1, 1e3)),
+        (
+            "\u53d1\u52a8\u673a\u8f6c\u901f(r/min),\u626d\u77e9(N\u00b7m),fuel (g/kWh)",
+            (1, 1, 1),
+        ),
+    ],
+)
+def test_names_and_units_of_engine_maps(tmp_path, header, sizes):
+    lines = [header]
+    for point in ENGINE_POINTS:
+        cells = [value / size for value, size in zip(point, sizes, strict=True)]
+        lines.append(",".join(f"{cell:.9g}" for cell in cells))
+    path = tmp_path / "e.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    engine = hmcvt.load_engine(path)
+    np.testing.assert_allclose(engine.speed, np.pi / 30.0 * np.array([1e3, 1.5e3, 2e3]))
+    np.testing.assert_allclose(engine.full_load, 400.0, rtol=1e-4)
+    np.testing.assert_allclose(engine.specific_fuel[:, -1], 220.0, rtol=1e-4)
+    assert engine.remarks == ()
+
+
+def test_what_of_an_engine_map_is_not_used_is_named(tmp_path):
+    lines = ["engine_speed [r/min],torque [N m],fuel [g/kWh],NOx [g/kWh]"]
+    lines += [
+        f"{speed:g},{torque:g},{fuel:g},3" for speed, torque, fuel in ENGINE_POINTS
+    ]
+    lines.append("1500,-40,0,0")
+    path = tmp_path / "e.csv"
+    path.write_text("\n".join(lines) + "\n")
+    engine = hmcvt.load_engine(path)
+    assert engine.remarks == (
+        "e.csv: 1 rows in which the engine gives no power are not used",
+        "e.csv: columns not used: NOx [g/kWh]",
+    )
+    assert "remarks" not in engine.to_dict()
+    done = run("mission", "transport", "--engine", path, "--json")
+    assert set(engine.remarks) <= set(done.json["remarks"]), done.err
+
+
+def test_a_column_of_an_engine_map_without_a_unit_is_asked(tmp_path):
+    path = tmp_path / "e.csv"
+    path.write_text("engine speed [rpm],torque,fuel [g/kWh]\n1000,100,300\n")
+    with pytest.raises(InputError, match="column 'torque' states no unit: call it"):
+        hmcvt.load_engine(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (quantities.speed, "1400 tr/min", 1400.0 * np.pi / 30.0),
+        (quantities.speed, "1400 U/min", 1400.0 * np.pi / 30.0),
+        (quantities.torque, "20daNm", 200.0),
+        (quantities.torque, "100 lb-ft", 135.58179483),
+        (quantities.power, "0.05MW", 5e4),
+        (quantities.fraction, "55\u2030", 0.055),
+    ],
+)
+def test_units_of_options_are_those_of_tables(kind, text, value):
+    assert kind(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["20 1/s", "20 Hz", "20 Nm"])
+def test_an_option_refuses_a_unit_that_is_open_or_another(text):
+    with pytest.raises(click.BadParameter, match="is not a speed"):
+        quantities.speed(text)
+
+
+def test_units_of_a_vehicle_file_are_those_of_tables(tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text(
+        "schema: hmcvt-vehicle/1\nslip: {value: 80, unit: \u2030}\n"
+        "pto_speed_low: {value: 1900, unit: U/min}\n"
+        "limits: {stage_change_time: {value: 400, unit: ms}}\n",
+        encoding="utf-8",
+    )
+    vehicle = hmcvt_tools.load_vehicle(path)
+    assert vehicle.slip == pytest.approx(0.08)
+    assert vehicle.pto_speed_low == pytest.approx(1900.0 * np.pi / 30.0)
+    assert vehicle.limits.stage_change_time == pytest.approx(0.4)
+    path.write_text("schema: hmcvt-vehicle/1\nslip: {value: 0.5, unit: -@0.5}\n")
+    with pytest.raises(InputError, match=r"slip\.unit"):
+        hmcvt_tools.load_vehicle(path)
 
 
 def unit_bench(path, most):
