@@ -413,8 +413,8 @@ def _column_of(cells: Table, quantity: str) -> tuple[str, str]:
         if unit:
             return column, unit
         raise InputError(
-            f"{cells.source}: column {column!r} states no unit: call it {quantity} [unit], "
-            f"one of {_listed_units(quantity)}"
+            f"{cells.source}: column {quantity} [unit] is missing: {column!r} states no "
+            f"unit, one of {_listed_units(quantity)}"
         )
     raise InputError(
         f"{cells.source}: column {quantity} [unit] is missing; there is "
