@@ -57,11 +57,23 @@ def checked_by_gears(imported: Imported, transmission: str) -> Imported:
         InputError: the file is wrong, or a stage of the table is not in it.
     """
     stages = load_stages(transmission)
+    _require_stages(imported, [stage.name for stage in stages], transmission)
     remarks = gear_train_remarks(typical_model(stages), imported.samples)
     rising = {entry.name: entry.rising for entry in check_stages(stages).stages}
     notes = [_without_doubt(note, rising) for note in imported.notes]
     agreed = () if remarks else (f"the speeds agree with {transmission}",)
     return imported._replace(notes=(*notes, *remarks, *agreed))
+
+
+def _require_stages(imported: Imported, known: list[str], transmission: str) -> None:
+    """Raise an `InputError` where a table names other stages than a transmission file."""
+    samples = imported.samples
+    named = sorted(set(samples.extra.get("stage", ())))
+    if not set(named) <= set(known):
+        raise InputError(
+            f"{samples.source}: the stages are {', '.join(named)}, those of {transmission} "
+            f"{', '.join(known)}: name them alike in both files"
+        )
 
 
 def _without_doubt(note: str, rising: dict[str, bool]) -> str:

@@ -193,7 +193,7 @@ def command(
             averaged=averaged,
             skip_bad=skip_bad or only_shown,
             unchecked=unchecked,
-            sessions_named=session is not None,
+            session=session,
         )
     except InputError as error:
         if not guesses:

@@ -82,6 +82,18 @@ def test_headings_of_reports(name, quantity):
     assert not meaning.unknown
 
 
+def test_columns_that_are_not_used_are_named(tmp_path):
+    header = [*HEADERS["de"].split(";"), "Speisedruck [bar]", "Nr.", "Bemerkung"]
+    path = written(tmp_path / "t.csv", header, extra=(24.0, 7, "warm"))
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert (
+        "kept as they are, not used: 'Speisedruck [bar]', 'Nr.', 'Bemerkung'"
+        in done.out
+    )
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes", "--session", "Nr.")
+    assert "not used: 'Speisedruck [bar]', 'Bemerkung'" in done.out
+
+
 def test_two_spellings_of_one_unit_agree():
     assert meaning_of("engine rpm", "1/min").problem == ""
     assert meaning_of("engine rpm", "deg/s").problem.startswith("the header says")

@@ -183,3 +183,31 @@ def test_all_formats_give_the_same_tests_to_the_last_digit(tmp_path, reference, 
     samples = imported(tmp_path, suffix)
     for name in COLUMNS:
         np.testing.assert_array_equal(getattr(samples, name), getattr(reference, name))
+
+
+def test_a_second_machine_in_the_parameter_group(tmp_path, reference):
+    """Its stroke has the same place in its frames and is sent twice as often."""
+    stamps, steps = recording()
+    write_trace(tmp_path / "bench.log", stamps, steps)
+    (tmp_path / "bench.dbc").write_text(
+        dbc()
+        + "BO_ 2566848772 OTHER: 8 BENCH\n"
+        + ' SG_ PumpStroke : 0|16@1- (0.01,0) [0|0] "%" BENCH\n'
+    )
+    lines = (tmp_path / "bench.log").read_text().splitlines()
+    frames = []
+    for line in lines:
+        frames.append(line)
+        if "18FF0103#" in line:
+            frames += 2 * [line.replace("18FF0103#", "18FF0104#0A00")]
+    (tmp_path / "bench.log").write_text("\n".join(frames) + "\n")
+    done = run(
+        *("import", tmp_path / "bench.log", "--dbc", tmp_path / "bench.dbc"),
+        *("--displacement-ratio", "UNIT.PumpStroke:%"),
+        *("--out", tmp_path / "o.csv", "--yes"),
+    )
+    assert done.code == 0, done.err
+    samples = hmcvt.read_bench(tmp_path / "o.csv")
+    np.testing.assert_array_equal(
+        samples.displacement_ratio, reference.displacement_ratio
+    )
