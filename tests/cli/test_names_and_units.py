@@ -406,6 +406,16 @@ def test_a_displacement_little_above_the_plate(tmp_path):
     assert "6 rows state a displacement of up to 0.89 % above" in samples.notes[0]
 
 
+def test_columns_of_a_unit_bench_that_are_not_used_are_named(tmp_path):
+    path = tmp_path / "p.csv"
+    unit_bench(path, 56.0)
+    head, *rows = path.read_text().splitlines()
+    lines = [f"{head},remark,vibration_mm_s", *(f"{row},warm,0.4" for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    samples = hmcvt_tools.read_unit(path, kind="pump", displacement="56 cm3")
+    assert "columns not used: remark, vibration_mm_s" in samples.notes
+
+
 def test_a_displacement_far_above_the_plate(tmp_path):
     with pytest.raises(InputError, match="add --displacement 61:cm3"):
         unit_bench(tmp_path / "p.csv", 61.0)
