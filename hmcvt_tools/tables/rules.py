@@ -82,8 +82,9 @@ _OF_THE_HYDRAULICS = frozenset(
     }
 )
 """Next to a power or an efficiency these words name the hydraulic path alone."""
-_HYDRAULIC_MOTORS = frozenset({"moteur", "motore"})
-"""Next to a stroke these words, which else name the engine, name the hydraulic motor."""
+_MOTORS = frozenset({"motor", "moteur", "motore"})
+"""These words, which may name the engine, name the hydraulic motor next to a stroke or the word
+hydraulic."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -345,8 +346,10 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
     elif kind == "stroke":
-        listed = _HYDRAULIC_MOTORS
+        listed = _MOTORS
     lowered = [word.lower() for word in words]
+    if kind in SHAFT_KINDS and not _OF_THE_HYDRAULICS.isdisjoint(lowered):
+        listed = listed | _MOTORS
     for word, low in zip(words, lowered, strict=True):
         if low == "operating" and "point" in lowered:
             continue
@@ -557,8 +560,12 @@ def _one_of_two(words: list[str]) -> set[str]:
 
 def _says_difference(words: list[str]) -> bool:
     """Return whether a name says that it is a difference, as in `system dp`."""
-    text = " ".join(words).lower()
-    return re.search(r"\b(d|dp|delta\w*|diff\w*)\b", text) is not None
+    return _SAYS_DIFFERENCE.search(" ".join(words).lower()) is not None
+
+
+_SAYS_DIFFERENCE = re.compile(
+    r"\b(d|dp|delta\w*|diff\w*|diferenc\w*|druckdifferenz)\b|\u538b\u5dee"
+)
 
 
 def _may_be_of_oil(means: set[str], words: list[str]) -> bool:

@@ -49,6 +49,33 @@ def test_the_stroke_of_the_motor_is_not_that_of_the_pump(name):
 
 
 @pytest.mark.parametrize(
+    "header",
+    [
+        "Vitesse moteur hydraulique [tr/min]",
+        "Couple du moteur hydraulique [Nm]",
+        "Velocidad del motor hidr\u00e1ulico [rpm]",
+        "Coppia motore idraulico [Nm]",
+        "Drehzahl Motor hydraulisch [1/min]",
+        "Hydraulikmotordrehzahl [1/min]",
+    ],
+)
+def test_a_hydraulic_motor_is_not_the_engine(header):
+    assert taken(header) == ""
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Druckdifferenz HD [bar]",
+        "Differenzdruck Hochdruck [bar]",
+        "\u7cfb\u7edf\u538b\u5dee(MPa)",
+    ],
+)
+def test_a_difference_over_the_high_pressure_is_that_of_the_loop(header):
+    assert taken(header) == "pressure"
+
+
+@pytest.mark.parametrize(
     "name", ["Hydraulikwirkungsgrad", "\u6db2\u538b\u6548\u7387", "Hydraulikleistung"]
 )
 def test_a_compound_with_the_hydraulics_is_of_them_alone(name):
