@@ -17,7 +17,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "rendimiento rendimento eficiencia efficienza verim kpd \u6548\u7387 "
         "\u603b\u6548\u7387 \u043a\u043f\u0434",
         "stroke": "displacement stroke eps epsilon swash swivel swashplate "
-        "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad aussteuerung "
+        "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad verstellverhaeltnis "
+        "aussteuerung "
         "schluckgrad alpha displ cylindree cilindrada cilindrata carrera corsa course "
         "schwenkgrad ausschwenkung ausschwenkgrad foerdervolumen verdraengungsvolumen "
         "schluckvolumen plateau plato piatto "
@@ -40,8 +41,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "\u6d41\u91cf",
         "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
         "\u8f93\u5165\u7aef eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i "
-        "moteur entree "
-        "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
+        "moteur entree ingresso entrada motore vm vkm dm \u67f4\u6cb9\u673a "
+        "\u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
         "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
         "ausgangswelle sortie salida uscita saida cardan gelenkwelle kardanwelle nout "
         "\u8f93\u51fa \u8f93\u51fa\u8f74 \u8f93\u51fa\u7aef",
@@ -64,7 +65,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "position pos angle winkel relative norm normalized relativ relativer "
         "relativa relativo relatives relatif rel dell permille promille tilt setting "
         "verhaeltnis verstell taux rapport rapporto relacion inclinaison inclinazione "
-        "inclinacion posicion posizione angulo angolo global globale totale totales "
+        "mesure mesuree medido medida misurato misurata numero inclinacion posicion "
+        "posizione angulo angolo global globale totale totales "
         "complessivo boite cambio caja transmision trasmissione hydraulik hydraulique "
         "hidraulico hidraulica idraulico idraulica diferencial differenziale "
         "differentielle \u503e\u89d2\u6bd4 \u503e\u89d2 \u5f00\u5ea6 "
@@ -94,7 +96,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "volumetrischer mechanischer drawbar barre barra tiro traction turbine "
         "turbolader intermediate layshaft countershaft pinion steg sonnenrad hohlrad "
         "hydromotor hydraulikmotor schalt achs seitenwelle kupplung clutch "
-        "kuehlmittel halle hallen "
+        "kuehlmittel halle hallen friction reib reibung indicated indiziert ripple "
         "roue rueda ruota ruote prise toma presa tdf ralenti consigne consigna "
         "massimo massima minimo minima maximo maxima maximal maximale minimal minimale "
         "\u9a6c\u8fbe \u51b7\u5374 \u51b7\u5374\u6c34 \u51b7\u5374\u6db2 \u6c34\u6e29 "
