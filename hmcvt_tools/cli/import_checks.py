@@ -14,10 +14,9 @@ from hmcvt_core.transmission.check import check_stages
 
 from ..tables.raw import Imported, Proposal
 from ..tables.recordings import days_of
+from ..tables.shafts import DOUBT, FALLS
 
 SESSION = "session"
-_FALLS = ", so it falls as the stroke rises"
-_DOUBT = ": check the sign of the stroke"
 
 
 def with_session(imported: Imported, proposal: Proposal, column: str) -> Imported:
@@ -82,7 +81,7 @@ def _without_doubt(note: str, rising: dict[str, bool]) -> str:
     def judged(match: re.Match[str]) -> str:
         if rising.get(match["stage"], True):
             return match[0]
-        return match[0].removesuffix(_DOUBT) + ", as by the gears"
+        return match[0].removesuffix(DOUBT) + ", as by the gears"
 
-    pattern = rf"in (?P<stage>\S+) [^;]*?{re.escape(_FALLS + _DOUBT)}"
+    pattern = rf"in (?P<stage>\S+) [^;]*?{re.escape(FALLS + DOUBT)}"
     return re.sub(pattern, judged, note)
