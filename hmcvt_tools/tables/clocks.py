@@ -23,6 +23,8 @@ from .stamps import read_times
 _SAME_TIME = 0.5
 """Seconds by which two clocks of one recording differ at most; a steady window is ten times as
 long."""
+_WHOLE_SECOND = 1.0
+"""Dates may be written in whole seconds."""
 _FILLED = 0.5
 """Fraction of the cells of a clock that hold a number, up to its last one."""
 _RISING = 0.9
@@ -129,9 +131,11 @@ def _differ(one: Array, other: Array) -> bool:
     if not known.any():
         return True
     apart = one[known] - other[known]
+    limit = _SAME_TIME
     if _is_dated(one) != _is_dated(other):
         apart = apart - np.median(apart)
-    return bool(np.max(np.abs(apart)) > _SAME_TIME)
+        limit += _WHOLE_SECOND
+    return bool(np.max(np.abs(apart)) > limit)
 
 
 def _owners(table: RawTable, clocks: set[str]) -> dict[str, str]:

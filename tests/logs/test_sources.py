@@ -465,6 +465,26 @@ def test_clocks_that_are_dates(tmp_path, long_tests):
     require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
 
 
+def test_dates_in_whole_seconds_go_on_as_the_seconds_of_the_recording(
+    tmp_path, long_tests
+):
+    path = tmp_path / "clocks.csv"
+    time, columns = long_tests
+    names = list(columns)
+    head = ["time [s]", *(f"{name} [{UNITS[name]}]" for name in names)]
+    head.insert(3, "timestamp")
+    lines = [";".join(head)]
+    for row, now in enumerate(time):
+        cells = [f"{now:.1f}", *(f"{columns[name][row]:.6g}" for name in names)]
+        cells.insert(3, f"2026-11-28T09:{int(now) // 60:02d}:{int(now) % 60:02d}")
+        lines.append(";".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    options = ("--stamp", "time [s]:s", "--yes")
+    done = run("import", path, *options, "--out", tmp_path / "o.csv")
+    assert done.code == 0, done.err
+    require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
 def test_a_clock_of_dates_and_one_of_seconds_that_differ_are_asked(
     tmp_path, long_tests
 ):
