@@ -341,6 +341,14 @@ def test_what_of_an_engine_map_is_not_used_is_named(tmp_path):
     assert set(engine.remarks) <= set(done.json["remarks"]), done.err
 
 
+def test_a_table_without_names_is_refused(tmp_path):
+    path = tmp_path / "wltc.csv"
+    path.write_text("0.0,0.0\n1.0,0.4\n2.0,1.1\n")
+    for read in (read_cycle, hmcvt.load_engine, hmcvt.read_bench):
+        with pytest.raises(InputError, match="row 1: holds numbers only"):
+            read(path)
+
+
 def test_a_column_of_an_engine_map_without_a_unit_is_asked(tmp_path):
     path = tmp_path / "e.csv"
     path.write_text("engine speed [rpm],torque,fuel [g/kWh]\n1000,100,300\n")
