@@ -15,6 +15,8 @@ steady      steady windows of momentary readings
 The names below keep their meaning within a minor version, as those of `hmcvt_core` do.
 """
 
+from hmcvt_core.transmission.units import UNITS
+
 from .estimation import Estimate, EstimateSettings, estimate
 from .export import export_c, export_fmu, export_mat, write_page
 from .fleet import ONE_BLAS_THREAD
@@ -39,7 +41,6 @@ from .steady import (
 )
 from .tables.raw import read_raw_bench
 from .tables.unit_table import read_unit
-from .tables.units import UNITS
 
 __all__ = [
     "ONE_BLAS_THREAD",

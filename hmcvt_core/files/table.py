@@ -108,6 +108,11 @@ def read_plain(
         if required:
             needs = f"; needs columns {', '.join(required)}"
         raise InputError(f"{path}: is empty{needs}")
+    if all(map(is_number, rows[top - 1])):
+        raise InputError(
+            f"{path}: row {top}: holds numbers only: write the names of the columns above "
+            "the numbers"
+        )
     header = [name_of(cell) for cell in rows[top - 1]]
     nameless = [str(number) for number, name in enumerate(header, 1) if not name]
     if len(nameless) > 1:

@@ -3,7 +3,6 @@
 
 import os
 import re
-import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,54 +20,19 @@ from ..files.table import Table, read_plain
 from ..transmission.mapping import Section
 from ..transmission.quantities import real_numbers
 from ..transmission.ranges import ENGINE_SPEED, RPM, Array, Range
+from ..transmission.units import KIND_UNITS, Unit, usual_unit
+from ..transmission.words import meanings_of, words_of
 
 SCHEMA = "hmcvt-engine/1"
 _KNOWN = dict.fromkeys(("schema", "name", "source", "map"))
-_SPECIFIC_UNIT = "g/kWh"
-_UNITS = {
-    "engine_speed": {
-        "rad/s": 1.0,
-        **dict.fromkeys(("r/min", "rpm", "1/min", "min-1", "U/min"), RPM),
-    },
-    "torque": {
-        **dict.fromkeys(("N m", "Nm"), 1.0),
-        **dict.fromkeys(("kNm", "kN m"), 1e3),
-        **dict.fromkeys(("lb ft", "lb-ft", "ft-lb"), 1.3558179483314004),
-    },
-    "fuel": {
-        "kg/s": 1.0,
-        "g/s": 1e-3,
-        "mg/s": 1e-6,
-        "lb/h": 0.45359237 / 3600.0,
-        "g/h": 1e-3 / 3600.0,
-        "kg/h": 1.0 / 3600.0,
-        _SPECIFIC_UNIT: 1e-3 / 3.6e6,
-    },
+_KINDS = {
+    "engine_speed": ("speed",),
+    "torque": ("torque",),
+    "fuel": ("mass_flow", "specific_fuel"),
 }
-_WORDS = {
-    "engine_speed": frozenset(
-        {
-            *("speed", "spd", "rpm", "omega", "drehzahl", "motordrehzahl"),
-            *("regime", "vitesse", "regimen", "velocidad", "giri", "velocita"),
-            *("\u8f6c\u901f", "\u53d1\u52a8\u673a\u8f6c\u901f"),
-        }
-    ),
-    "torque": frozenset(
-        {
-            *("torque", "trq", "tq", "md", "moment", "drehmoment"),
-            *("motordrehmoment", "motormoment", "couple", "par", "coppia"),
-            *("\u626d\u77e9", "\u8f6c\u77e9", "\u53d1\u52a8\u673a\u626d\u77e9"),
-        }
-    ),
-}
-"""Words that name a quantity in columns by other names, as `engine speed [rpm]`."""
+"""What the unit of a column measures, keys of `KIND_UNITS`."""
 _LETTERS = {"engine_speed": frozenset("n"), "torque": frozenset("mt")}
 """Symbols that name a quantity where its unit stands behind them."""
-_BESIDE = {
-    "engine_speed": frozenset(("rpm", "r", "min", "rad", "s", "per")),
-    "torque": frozenset(("nm", "n", "m")),
-}
-"""Words of a unit behind the name."""
 _ENGINE_WORDS = frozenset(
     {
         *("engine", "eng", "e", "motor", "moteur", "motore", "crankshaft", "shaft"),
@@ -112,12 +76,14 @@ class Engine:
         full_load: torque at full load at these speeds, shape (n,) [N m].
         load: torque / full-load torque, shape (m,), from 0 to 1.
         fuel: shape (n, m) [kg/s].
+        remarks: what of the table was not used, in words.
     """
 
     speed: Array
     full_load: Array
     load: Array
     fuel: Array
+    remarks: tuple[str, ...] = ()
 
     def full_load_torque(self, engine_speed: ArrayLike) -> Any:
         """Highest torque at engine speeds [rad/s], as they are shaped [N m]; NaN beyond."""
@@ -167,7 +133,11 @@ class Engine:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the tables of the engine as plain data for JSON."""
-        return {field.name: plain(getattr(self, field.name)) for field in fields(self)}
+        tables = {}
+        for field in fields(self):
+            if field.name != "remarks":
+                tables[field.name] = plain(getattr(self, field.name))
+        return tables
 
     def report(self) -> str:
         """Return speeds, full load, highest power and best point of the engine as text."""
@@ -249,20 +219,22 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     `engine_speed [r/min]`; fuel in kg/s, kg/h, g/s, g/h or g/kWh. Other names are taken where each
     says all, as `fuel consumption [g/h]` or `bsfc_g_per_kWh`, and units in a row below the names.
     At every speed the highest torque is that of full load. Below the lowest the fuel goes on as a
-    straight line (Willans). Rows in which the engine is driven (torque below zero) are not used.
+    straight line (Willans). Rows in which the engine is driven (torque below zero) are not used;
+    the remarks of the engine count them and name columns that are not used.
 
     Raises:
         InputError: the file is missing or damaged, a unit is unknown, a value is out of range, or
             rows leave a hole; file and row are named.
     """
     require_path(path, "path", "an engine file")
-    cells = _driving(_with_row_of_units(read_plain(_table_of(path), name_of=_plain)))
+    table = _with_row_of_units(read_plain(_table_of(path), name_of=_plain))
+    cells = _driving(table)
     speed, _ = _column(cells, "engine_speed")
     torque, _ = _column(cells, "torque")
-    fuel, unit = _column(cells, "fuel")
+    fuel, is_specific = _column(cells, "fuel")
     cells.require_range(speed, ENGINE_SPEED)
     cells.require_range(torque, _TORQUE)
-    if unit == _SPECIFIC_UNIT:
+    if is_specific:
         fuel = fuel * speed * torque
     speed = _grouped(speed)
     speeds = np.unique(speed)
@@ -280,7 +252,28 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     loads = np.concatenate([torques / torques[-1] for torques, _ in curves])
     load = np.unique(loads.round(9))
     grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
-    return Engine(speeds, full_load, load, np.array(grid))
+    return Engine(speeds, full_load, load, np.array(grid), _remarks(table, cells))
+
+
+def _remarks(table: Table, driving: Table) -> tuple[str, ...]:
+    """Return which rows and columns of a table are not used.
+
+    Args:
+        table: as it was read.
+        driving: its rows that are used.
+    """
+    source = Path(table.source).name
+    remarks = []
+    left_out = len(table.rows) - len(driving.rows)
+    if left_out:
+        remarks.append(
+            f"{source}: {left_out} rows in which the engine gives no power are not used"
+        )
+    used = {_column_of(table, quantity)[0] for quantity in _KINDS}
+    others = [name for name in table.columns if name not in used]
+    if others:
+        remarks.append(f"{source}: columns not used: {', '.join(others)}")
+    return tuple(remarks)
 
 
 def _grouped(speed: Array) -> Array:
@@ -326,9 +319,11 @@ def _with_row_of_units(cells: Table) -> Table:
 
 def _holds_units(cells: Iterable[str]) -> bool:
     """Return whether a row holds no number, and a unit of an engine's table."""
-    known = {unit for units in _UNITS.values() for unit in units}
+    known = [kind for kinds in _KINDS.values() for kind in kinds]
     bare = [cell.strip("[]() ") for cell in cells]
-    return not known.isdisjoint(bare) and not any(map(is_number, bare))
+    units = [usual_unit(cell) for cell in bare if cell]
+    has_unit = any(unit is not None and unit.kind in known for unit in units)
+    return has_unit and not any(map(is_number, bare))
 
 
 def _driving(cells: Table) -> Table:
@@ -338,9 +333,9 @@ def _driving(cells: Table) -> Table:
         InputError: in no row the torque is positive.
     """
     torque, _ = _column(cells, "torque")
-    _, unit = _column(cells, "fuel")
+    _, is_specific = _column(cells, "fuel")
     used = torque >= 0.0
-    if unit == _SPECIFIC_UNIT:
+    if is_specific:
         used = torque > 0.0  # no power, so that fuel per energy says nothing there
     kept = np.flatnonzero(used).tolist()
     if not np.any(torque > 0.0):
@@ -396,16 +391,22 @@ def _willans_line(
     return torques, rates
 
 
-def _column(cells: Table, quantity: str) -> tuple[Array, str]:
-    """Return a column of a quantity with its unit in SI, and the unit; g/kWh as kg/J.
+def _column(cells: Table, quantity: str) -> tuple[Array, bool]:
+    """Return a column of a quantity in SI, and whether it is fuel per energy [kg/J].
 
     Raises:
         InputError: the column is missing, two name the quantity, or the unit is not known.
     """
+    column, unit = _column_of(cells, quantity)
+    return _in_si(cells, column, unit, quantity)
+
+
+def _column_of(cells: Table, quantity: str) -> tuple[str, str]:
+    """Return the column of a quantity and the text of its unit; see `_column`."""
     for column in cells.columns:
         match = re.fullmatch(rf"{quantity} *\[(.*)\]", column)
         if match is not None:
-            return _in_si(cells, column, match[1], quantity)
+            return column, match[1]
     named = [column for column in cells.columns if _names(column, quantity)]
     if len(named) > 1:
         raise InputError(
@@ -413,51 +414,75 @@ def _column(cells: Table, quantity: str) -> tuple[Array, str]:
             f"one {quantity} [unit]"
         )
     for column in named:
-        unit = _stated_unit(column, quantity)
+        _, unit = _name_and_unit(column, quantity)
         if unit:
-            return _in_si(cells, column, unit, quantity)
+            return column, unit
+        raise InputError(
+            f"{cells.source}: column {quantity} [unit] is missing: {column!r} states no "
+            f"unit, one of {_listed_units(quantity)}"
+        )
     raise InputError(
         f"{cells.source}: column {quantity} [unit] is missing; there is "
         f"{', '.join(cells.columns)}"
     )
 
 
-def _stated_unit(column: str, quantity: str) -> str:
-    """Return the unit in brackets or at the end of a name, as in `bsfc_g_per_kWh`; else `""`."""
+def _name_and_unit(column: str, quantity: str) -> tuple[str, str]:
+    """Return the name of a column and its unit, `""` without one.
+
+    The unit stands in brackets or behind the name, as in `bsfc_g_per_kWh`.
+    """
     match = re.search(r"[\[(]([^\[(]*)[\])]\s*$", column)
     if match is not None:
-        return match[1].strip()
-    for unit in _UNITS[quantity]:
-        for written in (unit, unit.replace("/", "_per_"), unit.replace("/", "_")):
-            ending = written.replace(" ", "_")
-            if re.search(rf"[_ ]{re.escape(ending)}$", column, re.IGNORECASE):
-                return unit
-    return ""
+        return column[: match.start()], match[1].strip()
+    for at in re.finditer("[_ ]", column):
+        behind = column[at.end() :].replace("_per_", "/")
+        for written in (behind, behind.replace("_", "/"), behind.replace("_", " ")):
+            if _unit_of(written, quantity) is not None:
+                return column[: at.start()], written
+    if _unit_of(column, quantity) is not None:
+        return column, column  # such as `rpm`
+    return column, ""
 
 
-def _in_si(cells: Table, column: str, unit: str, quantity: str) -> tuple[Array, str]:
-    """Return a column in SI, and the unit that its name states."""
-    if unit not in _UNITS[quantity]:
+def _unit_of(text: str, quantity: str) -> Unit | None:
+    """Return the unit of a quantity that a text names; None for any other text."""
+    unit = usual_unit(text)
+    if unit is None or unit.kind not in _KINDS[quantity]:
+        return None
+    return unit if unit.name in KIND_UNITS[unit.kind] else None
+
+
+def _listed_units(quantity: str) -> str:
+    """Return the units of a quantity as text."""
+    return ", ".join(name for kind in _KINDS[quantity] for name in KIND_UNITS[kind])
+
+
+def _in_si(cells: Table, column: str, text: str, quantity: str) -> tuple[Array, bool]:
+    """Return a column in SI, and whether its unit is that of fuel per energy."""
+    unit = _unit_of(text, quantity)
+    if unit is None:
         raise InputError(
-            f"{cells.source}: {unit!r} is no unit of {quantity}; there is "
-            f"{', '.join(_UNITS[quantity])}"
+            f"{cells.source}: {text!r} is no unit of {quantity}; there is "
+            f"{_listed_units(quantity)}"
         )
-    return cells.numbers(column) * _UNITS[quantity][unit], unit
+    size = KIND_UNITS[unit.kind][unit.name]
+    return cells.numbers(column) * size, unit.kind == "specific_fuel"
 
 
 def _names(column: str, quantity: str) -> bool:
     """Return whether a column by another name holds a quantity of an engine's map."""
     if quantity == "fuel":
         return _FUEL.search(column) is not None and not _NO_FLOW.search(column)
-    bare = re.sub(r"[\[(][^\[(]*[\])]\s*$", "", column)
-    plain = "".join(
-        letter
-        for letter in unicodedata.normalize("NFKD", bare)
-        if not unicodedata.combining(letter)
-    )
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain)
-    words = set(re.findall(r"[^\W_]+", parted.lower()))
-    named = words & _WORDS[quantity]
-    if _stated_unit(column, quantity) in _UNITS[quantity]:
-        named |= words & _LETTERS[quantity]
-    return bool(named) and words - named <= _ENGINE_WORDS | _BESIDE[quantity]
+    name, unit = _name_and_unit(column, quantity)
+    (kind,) = _KINDS[quantity]
+    is_named = False
+    for word in map(str.lower, words_of(name)):
+        meanings = set(meanings_of(word))
+        says_kind = kind in meanings and meanings <= {kind, "engine"}
+        is_symbol = unit != "" and word in _LETTERS[quantity]
+        if says_kind or is_symbol:
+            is_named = True
+        elif word not in _ENGINE_WORDS:
+            return False
+    return is_named

@@ -524,8 +524,10 @@ def _matern_with_slopes(squares: Array, lengths: Array) -> tuple[Array, Array]:
     scaled = squares / lengths[:, None, None] ** 2
     root = np.sqrt(5.0 * np.sum(scaled, axis=0))
     decay = np.exp(-root)
-    correlation = (1.0 + root + root**2 / 3.0) * decay
-    return correlation, scaled * (5.0 / 3.0 * (1.0 + root) * decay)
+    linear = 1.0 + root
+    correlation = (linear + root**2 / 3.0) * decay
+    scaled *= 5.0 / 3.0 * linear * decay
+    return correlation, scaled
 
 
 def _solved(factor: Array, values: Array) -> tuple[Array, Array]:
@@ -537,9 +539,10 @@ def _solved(factor: Array, values: Array) -> tuple[Array, Array]:
     """
     from scipy.linalg.lapack import dpotri
 
+    # Above its diagonal the factor is zero, and stays so.
     half, _ = dpotri(factor, lower=1)
-    lower = np.tril(half)
-    inverse = lower + np.tril(half, -1).T
+    inverse = half + half.T
+    inverse[np.diag_indices_from(inverse)] = np.diagonal(half)
     return inverse @ values, inverse
 
 
@@ -549,7 +552,9 @@ def _factor_of(covariance: Array, noise: Array) -> Array:
 
     diagonal = np.diagonal(covariance)
     added = noise**2 + JITTER * max(float(diagonal.max(initial=0.0)), 1e-300)
-    return np.asarray(cholesky(covariance + np.diag(added), lower=True))
+    noisy = covariance.copy()
+    noisy[np.diag_indices_from(noisy)] += added
+    return np.asarray(cholesky(noisy, lower=True))
 
 
 def _coefficients(training: Training, factor: Array) -> Array:

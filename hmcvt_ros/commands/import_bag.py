@@ -9,8 +9,10 @@ from typing import Any
 import click
 
 from hmcvt_core import InputError, write_bench
+from hmcvt_core.transmission.units import kind_of
 from hmcvt_tools import UNITS, Shafts
 from hmcvt_tools.cli.common import Answer, OutputFile, Progress, answers
+from hmcvt_tools.tables.units import to_si, unit_of
 
 from ..bag import BAG_FILES, ImportSettings, Steadiness, import_bag
 
@@ -42,12 +44,34 @@ def _signal(text: str) -> tuple[str, tuple[str, float]]:
             f"{text!r}: write NAME=TOPIC[:UNIT], the name one of "
             f"{', '.join(Shafts._fields)}"
         )
-    sizes = UNITS[name]
-    if unit and unit not in sizes:
+    return name, (topic, _size(name, unit, text))
+
+
+def _size(name: str, unit: str, text: str) -> float:
+    """Return the size of the unit of a signal in SI; 1 for no unit.
+
+    Args:
+        name: of the signal.
+        unit: as the user wrote it.
+        text: of the option, for messages.
+
+    Raises:
+        click.BadParameter: the unit measures something else, or its zero is not that of SI.
+    """
+    if not unit:
+        return 1.0
+    known = unit_of(unit)
+    try:
+        size, zero = to_si(kind_of(name), unit if known is None else known.name)
+    except KeyError:
         raise click.BadParameter(
-            f"{text!r}: {unit!r} is no unit of {name}; there is {', '.join(sizes)}"
+            f"{text!r}: {unit!r} is no unit of {name}; there is {', '.join(UNITS[name])}"
+        ) from None
+    if zero:
+        raise click.BadParameter(
+            f"{text!r}: {unit!r} has another zero than SI, which a topic of a bag cannot have"
         )
-    return name, (topic, sizes.get(unit, 1.0))
+    return size
 
 
 @click.command(

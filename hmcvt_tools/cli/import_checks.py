@@ -14,10 +14,9 @@ from hmcvt_core.transmission.check import check_stages
 
 from ..tables.raw import Imported, Proposal
 from ..tables.recordings import days_of
+from ..tables.shafts import DOUBT, FALLS
 
 SESSION = "session"
-_FALLS = ", so it falls as the stroke rises"
-_DOUBT = ": check the sign of the stroke"
 
 
 def with_session(imported: Imported, proposal: Proposal, column: str) -> Imported:
@@ -57,11 +56,23 @@ def checked_by_gears(imported: Imported, transmission: str) -> Imported:
         InputError: the file is wrong, or a stage of the table is not in it.
     """
     stages = load_stages(transmission)
+    _require_stages(imported, [stage.name for stage in stages], transmission)
     remarks = gear_train_remarks(typical_model(stages), imported.samples)
     rising = {entry.name: entry.rising for entry in check_stages(stages).stages}
     notes = [_without_doubt(note, rising) for note in imported.notes]
     agreed = () if remarks else (f"the speeds agree with {transmission}",)
     return imported._replace(notes=(*notes, *remarks, *agreed))
+
+
+def _require_stages(imported: Imported, known: list[str], transmission: str) -> None:
+    """Raise an `InputError` where a table names other stages than a transmission file."""
+    samples = imported.samples
+    named = sorted(set(samples.extra.get("stage", ())))
+    if not set(named) <= set(known):
+        raise InputError(
+            f"{samples.source}: the stages are {', '.join(named)}, those of {transmission} "
+            f"{', '.join(known)}: name them alike in both files"
+        )
 
 
 def _without_doubt(note: str, rising: dict[str, bool]) -> str:
@@ -70,7 +81,7 @@ def _without_doubt(note: str, rising: dict[str, bool]) -> str:
     def judged(match: re.Match[str]) -> str:
         if rising.get(match["stage"], True):
             return match[0]
-        return match[0].removesuffix(_DOUBT) + ", as by the gears"
+        return match[0].removesuffix(DOUBT) + ", as by the gears"
 
-    pattern = rf"in (?P<stage>\S+) [^;]*?{re.escape(_FALLS + _DOUBT)}"
+    pattern = rf"in (?P<stage>\S+) [^;]*?{re.escape(FALLS + DOUBT)}"
     return re.sub(pattern, judged, note)

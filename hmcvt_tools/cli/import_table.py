@@ -13,12 +13,12 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.bench import BenchSamples, write_bench
 from hmcvt_core.transmission.quantities import QUANTITIES
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS
+from hmcvt_core.transmission.units import UNITS
 
 from ..logs.opening import is_log
 from ..tables.header import RawTable
 from ..tables.mapping import mapping_text, read_mapping
 from ..tables.raw import Column, Imported, Proposal, choose_columns, import_table
-from ..tables.units import UNITS
 from . import common, logs
 from .common import Answer
 from .import_checks import checked_by_gears, with_session
@@ -193,7 +193,7 @@ def command(
             averaged=averaged,
             skip_bad=skip_bad or only_shown,
             unchecked=unchecked,
-            sessions_named=session is not None,
+            session=session,
         )
     except InputError as error:
         if not guesses:

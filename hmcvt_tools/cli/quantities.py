@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import click
 
 from ..tables.numbers import parsed
-from ..tables.units import UNITS
+from ..tables.units import to_si
 
 
-def _reader(
-    name: str, example: str, units: Mapping[str, float]
-) -> Callable[[Any], float]:
+def _reader(name: str, example: str, kind: str = "") -> Callable[[Any], float]:
     """Return a function that reads a number in the SI unit, or with a unit behind it.
 
     A decimal comma is accepted in a number without a point.
@@ -23,28 +21,33 @@ def _reader(
     Args:
         name: what the number is; --help and error messages name it.
         example: shown in error messages.
-        units: size of each unit in the SI unit.
+        kind: what its unit measures, a key of `KIND_UNITS`; `""` for a plain number.
     """
 
     def read(text: str | float) -> float:
         # Blanks do not count in a number, and `1400 1/min` would read as 14001.
         stripped = str(text).strip().replace(" 1/min", "/min")
         value, unit = parsed(stripped, comma="." not in stripped)
-        unit_known = unit == "" or unit in units
-        is_number = not math.isnan(value) or stripped.lower() == "nan"
-        if not (unit_known and is_number):
-            raise click.BadParameter(f"{text!r} is not a {name}: write {example}")
-        return units.get(unit, 1.0) * value
+        wrong = click.BadParameter(f"{text!r} is not a {name}: write {example}")
+        if math.isnan(value) and stripped.lower() != "nan":
+            raise wrong
+        if not unit:
+            return value
+        try:
+            size, zero = to_si(kind, unit)
+        except KeyError:
+            raise wrong from None
+        return size * (value - zero)
 
     read.__name__ = name  # click shows it as the type of the option
     return read
 
 
-speed = _reader("speed", "146.6 (rad/s) or 1400rpm", UNITS["engine_speed"])
-torque = _reader("torque", "200 (N m) or 1.2kNm", UNITS["engine_torque"])
-power = _reader("power", "40000 (W) or 40kW", UNITS["engine_power"])
-number = _reader("number", "80", {})
-fraction = _reader("fraction", "0.5 or 50%", UNITS["efficiency"])
+speed = _reader("speed", "146.6 (rad/s) or 1400rpm", "speed")
+torque = _reader("torque", "200 (N m) or 1.2kNm", "torque")
+power = _reader("power", "40000 (W) or 40kW", "power")
+number = _reader("number", "80")
+fraction = _reader("fraction", "0.5 or 50%", "part")
 
 
 def part_up_to(highest: float) -> Callable[[click.Context, click.Parameter, Any], Any]:

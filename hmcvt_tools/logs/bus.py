@@ -38,23 +38,28 @@ class _Key(NamedTuple):
         group: parameter group number; None for an identifier that has to match.
         identifier: 11 or 29 bits, where `group` is None.
         is_extended: whether it has 29 bits.
+        source: address that sends a message of a group; -1 for any.
     """
 
     group: int | None
     identifier: int
     is_extended: bool
+    source: int = -1
 
     def mask(self, frames: Frames, groups: Any) -> Any:
         """Return which frames are of the message, shape (n,)."""
         if self.group is not None:
-            return np.asarray(frames.extended & (groups == self.group))
+            of_group = frames.extended & (groups == self.group)
+            if self.source >= 0:
+                of_group &= frames.source == self.source
+            return np.asarray(of_group)
         same = frames.identifier == self.identifier
         return np.asarray(same & (frames.extended == self.is_extended))
 
 
 def _key_of(message: Message) -> _Key:
     """Return what selects the frames of a message of a DBC."""
-    return _Key(message.group, message.identifier, message.is_extended)
+    return _Key(message.group, message.identifier, message.is_extended, message.address)
 
 
 class _Sender(NamedTuple):
@@ -135,21 +140,26 @@ class BusLog(Log):
                 break
         if not frames_seen:
             raise InputError(f"{self.path}: holds no CAN frame")
-        self._refuse_foreign_dbc(sources)
+        self._require_known_message(sources)
         return sources
 
-    def _refuse_foreign_dbc(self, counted: Collection[_Key]) -> None:
-        """Refuse a DBC none of whose messages is on the bus: it is that of another machine.
+    def _require_known_message(self, counted: Collection[_Key]) -> None:
+        """Refuse a bus of which no message is known, and a DBC of another machine.
 
         Args:
             counted: messages that the bus carries.
 
         Raises:
-            InputError: it is.
+            InputError: no message of J1939 or of the DBC is on the bus.
         """
-        if not self._messages or any(
-            _key_of(item) in counted for item in self._messages
-        ):
+        if not self._messages:
+            if not counted:
+                raise InputError(
+                    f"{self.path}: no message of its frames is one of J1939 that hmcvt "
+                    "reads: add the signals of the bus by --dbc FILE"
+                )
+            return
+        if any(_key_of(item) in counted for item in self._messages):
             return
         names = ", ".join(item.name for item in self._messages[:_NAMED])
         more = ", ..." if len(self._messages) > _NAMED else ""

@@ -28,6 +28,7 @@ class Message(NamedTuple):
         is_extended: whether it has 29 bits.
         group: parameter group number; None where the identifier has to match as it is.
         signals: those that are read.
+        address: source address that sends it; -1 where any may.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Message(NamedTuple):
     is_extended: bool
     group: int | None
     signals: tuple[Signal, ...]
+    address: int = -1
 
 
 def read_dbc(path: str | Path) -> list[Message]:
@@ -61,7 +63,24 @@ def read_dbc(path: str | Path) -> list[Message]:
         messages.append(_message(message))
     if not messages:
         raise InputError(f"{path}: holds no message")
-    return messages
+    return _by_address(messages)
+
+
+def _by_address(messages: Sequence[Message]) -> list[Message]:
+    """Return messages of which those of one parameter group are distinguished by their address.
+
+    A DBC that has one message of a group leaves open which address sends it.
+    """
+    addresses: dict[int | None, set[int]] = {}
+    for message in messages:
+        addresses.setdefault(message.group, set()).add(message.identifier & 0xFF)
+    distinct = []
+    for message in messages:
+        address = -1
+        if message.group is not None and len(addresses[message.group]) > 1:
+            address = message.identifier & 0xFF
+        distinct.append(message._replace(address=address))
+    return distinct
 
 
 def _message(message: Any) -> Message:

@@ -19,11 +19,12 @@ import numpy as np
 
 from hmcvt_core.errors import InputError
 from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.units import UNITS, kind_of
 
 from ..tables.header import RawTable
 from ..tables.numbers import Style
 from ..tables.proposal import Column, Proposal, Question, named_column, option, propose
-from ..tables.units import UNITS, kind_of, to_si
+from ..tables.units import to_si
 from . import j1939
 from .joining import Joined, Joiner
 from .series import FEWEST_READINGS, Log, Remarks, Series, listed_names

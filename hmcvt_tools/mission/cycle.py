@@ -21,9 +21,10 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.files.table import Table, read_plain
 from hmcvt_core.transmission.ranges import OUTPUT_SPEED, Array, Range
+from hmcvt_core.transmission.units import KIND_UNITS, plain_text
 
 from ..tables.rules import meaning_of
-from ..tables.units import KIND_UNITS, plain_text, to_si, unit_of
+from ..tables.units import to_si, unit_of
 from .vehicle import Vehicle
 
 CYCLES = ("ploughing", "rotary_tilling", "transport", "sowing", "loader")

@@ -46,6 +46,7 @@ class Mission:
         broken: steps at which the limits of the machine could not be kept.
         replaced: choices of the strategy that were not possible.
         bound: least fuel possible, or None where it was not asked for.
+        remarks: what of the cycle and of the engine map was left out or changed.
     """
 
     cycle: Cycle
@@ -61,6 +62,7 @@ class Mission:
     broken: Sequence[Complaint]
     replaced: Sequence[Complaint]
     bound: Bound | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def fuel(self) -> float:
@@ -113,7 +115,7 @@ class Mission:
                     "unmet": [item._asdict() for item in self.unmet],
                     "broken": [item._asdict() for item in self.broken],
                     "replaced": [item._asdict() for item in self.replaced],
-                    "remarks": self.cycle.remarks,
+                    "remarks": self.remarks,
                 }
             )
         )
@@ -157,7 +159,7 @@ class Mission:
             ("choices replaced", self.replaced),
         ):
             lines += _complaint_lines(title, complaints)
-        lines += [f"note: {remark}" for remark in self.cycle.remarks]
+        lines += [f"note: {remark}" for remark in self.remarks]
         return "\n".join(lines)
 
 
@@ -318,4 +320,5 @@ class Planned:
             broken=run.broken,
             replaced=run.replaced,
             bound=self.bound,
+            remarks=(*self.cycle.remarks, *self.drive.engine.remarks),
         )

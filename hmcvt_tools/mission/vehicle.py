@@ -12,6 +12,8 @@ from hmcvt_core.files.plain_yaml import named, read_tree, require_known
 from hmcvt_core.transmission.mapping import quantity
 from hmcvt_core.transmission.ranges import RPM, Range
 
+from ..tables.units import to_si, unit_of
+
 SCHEMA = "hmcvt-vehicle/1"
 
 
@@ -73,19 +75,17 @@ class Vehicle:
 
 _UNITS = {"r/min": RPM, "r/min/s": RPM}
 """Units of a vehicle file that are not SI, and their size."""
-_PARTS = {"%": 0.01, "\u2030": 1e-3}
+_MEASURED = {"r/min": "speed", "-": "part", "s": "time"}
+"""What units of keys measure whose other units are those of tables."""
 _OTHER_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "kg": {"t": 1e3, "lb": 0.45359237},
         "m": {"mm": 1e-3, "cm": 1e-2, "in": 0.0254},
-        "-": _PARTS,
-        "r/min": {"rpm": 1.0, "1/min": 1.0, "min-1": 1.0, "rad/s": 1.0 / RPM},
         "r/min/s": {"rpm/s": 1.0, "rad/s2": 1.0 / RPM},
-        "s": {"ms": 1e-3},
         "J": {"kJ": 1e3},
     }
 )
-"""Other units that a value may state, and their size in the one of its key."""
+"""Other units that a value of the rest may state, and their size in the one of its key."""
 
 _VEHICLE_RANGES = (
     Range("mass", 100.0, 1e5, "kg", "is it in tonnes?"),
@@ -158,11 +158,31 @@ def _in_unit(entry: Any, unit: str) -> Any:
     """Return `{value, unit}` in the unit of its key; anything else as it is."""
     if not isinstance(entry, Mapping):
         return entry
-    size = _OTHER_UNITS.get(unit, {}).get(entry.get("unit", unit))
+    size = _size_in(str(entry.get("unit", unit)), unit)
     value = entry.get("value")
     if size is None or isinstance(value, bool) or not isinstance(value, (int, float)):
         return entry
     return {**entry, "value": size * value, "unit": unit}
+
+
+def _size_in(text: str, unit: str) -> float | None:
+    """Return the size of a unit in that of a key; None where it is no such unit.
+
+    Args:
+        text: as the file states it.
+        unit: of the key.
+    """
+    kind = _MEASURED.get(unit)
+    if kind is None:
+        return _OTHER_UNITS.get(unit, {}).get(text)
+    known = unit_of(text)
+    try:
+        size, zero = to_si(kind, text if known is None else known.name)
+    except KeyError:
+        return None
+    if zero:
+        return None
+    return size / to_si(kind, unit)[0]
 
 
 def _require_order(low: float, high: float, name: str) -> None:

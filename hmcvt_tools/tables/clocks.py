@@ -5,6 +5,7 @@ Programs that export such a recording write the column of a clock in front of th
 belongs to.
 """
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,20 +15,22 @@ from hmcvt_core.transmission.ranges import Array
 
 from ..steady import interpolated, reach_of
 from .header import RawTable
-from .numbers import finite_share
 from .proposal import Column
+from .recordings import holds_dates_alone
 from .rules import meaning_of
 from .stamps import read_times
 
 _SAME_TIME = 0.5
 """Seconds by which two clocks of one recording differ at most; a steady window is ten times as
 long."""
+_WHOLE_SECOND = 1.0
+"""Dates may be written in whole seconds."""
 _FILLED = 0.5
-"""Fraction of the cells of a clock that hold a number."""
+"""Fraction of the cells of a clock that hold a number, up to its last one."""
 _RISING = 0.9
 """Fraction of steps that rise in a column of times."""
-
-
+_NUMBERED = re.compile(r" \(\d+\)$")
+"""Number that the reader puts behind a name that stands in the header more than once."""
 _ELAPSED = 1e8
 """Numbers up to this one are elapsed times [s]; larger ones are dates."""
 
@@ -61,6 +64,12 @@ def join_clocks(
             others[name] = clocks[name]
     if not others:
         return []
+    for name, time in others.items():
+        if _is_dated(time) != _is_dated(clocks[main]):
+            raise InputError(
+                f"{table.source}: of the times in {main!r} and {name!r} one counts from the "
+                "start and one is a date, and they do not go on alike: keep one of them"
+            )
     first = [quantity for quantity, name in placed.items() if not name]
     if first:
         in_front = columns[first[0]].name
@@ -81,31 +90,52 @@ def join_clocks(
 
 
 def _clocks(table: RawTable) -> dict[str, Array]:
-    """Return the times of columns of elapsed time [s], by name."""
+    """Return the times of columns that rise as a clock does [s], by name."""
     clocks = {}
     for name, cells in table.columns.items():
-        meaning = meaning_of(name.removesuffix(" (2)"), table.units.get(name, ""))
-        is_time = meaning.kind == "time" and not meaning.excluded
-        if not is_time or finite_share(table.numbers(name).values) < _FILLED:
+        unit = table.units.get(name, "")
+        meaning = meaning_of(_NUMBERED.sub("", name), unit)
+        # The name of a clock may be that of its task, as in `t_stroke [s]`.
+        has_unit = meaning.unit is not None and meaning.unit.kind == "time"
+        if meaning.excluded or not (has_unit or meaning.kind == "time"):
             continue
-        unit = ""
-        if meaning.unit is not None and meaning.unit.kind == "time":
-            unit = meaning.unit.name
-        time = read_times(cells, unit, table.styles[name].comma).seconds
-        known = time[np.isfinite(time)]
-        if len(known) < 2 or known.max() > _ELAPSED:
-            continue
-        if np.mean(np.diff(known) >= 0.0) > _RISING:
+        of_header = meaning.unit.name if has_unit and meaning.unit is not None else ""
+        time = read_times(cells, of_header, table.styles[name].comma).seconds
+        if _is_clock(time):
             clocks[name] = time
     return clocks
+
+
+def _is_clock(time: Array) -> bool:
+    """Return whether times rise, from the first row to their last one.
+
+    A task that reads slower than another one has fewer rows.
+    """
+    rows = np.flatnonzero(np.isfinite(time))
+    if len(rows) < 2 or len(rows) < _FILLED * (rows[-1] + 1):
+        return False
+    known = time[rows]
+    return bool(np.mean(np.diff(known) >= 0.0) > _RISING) and not holds_dates_alone(
+        known
+    )
+
+
+def _is_dated(time: Array) -> bool:
+    """Return whether times are dates, not counted from the start of the recording."""
+    return bool(np.nanmax(time) > _ELAPSED)
 
 
 def _differ(one: Array, other: Array) -> bool:
     """Return whether two clocks show other times in one row."""
     known = np.isfinite(one) & np.isfinite(other)
     if not known.any():
-        return False
-    return bool(np.max(np.abs(one[known] - other[known])) > _SAME_TIME)
+        return True
+    apart = one[known] - other[known]
+    limit = _SAME_TIME
+    if _is_dated(one) != _is_dated(other):
+        apart = apart - np.median(apart)
+        limit += _WHOLE_SECOND
+    return bool(np.max(np.abs(apart)) > limit)
 
 
 def _owners(table: RawTable, clocks: set[str]) -> dict[str, str]:

@@ -19,13 +19,14 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.numbers import is_number
 from hmcvt_core.files.text import read_text, split_rows
+from hmcvt_core.transmission.units import usual_unit
 
 from . import labview
 from .matrix import with_points
 from .numbers import Numbers, Style, decimal_styles, parsed, read_numbers
 from .reading import SEPARATORS, consistent_rows, is_spreadsheet, read_spreadsheet
 from .rules import names_quantity
-from .units import holds_units, usual_unit
+from .units import holds_units
 from .workbook import Sheet
 
 _TOP = 60

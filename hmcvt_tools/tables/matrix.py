@@ -17,10 +17,11 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.numbers import is_number
 from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.units import usual_unit
 
 from .numbers import parsed
 from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
-from .units import to_si, usual_unit
+from .units import to_si
 from .workbook import Sheet
 
 _FEWEST_COLUMNS = 4

@@ -19,12 +19,13 @@ from hmcvt_core.errors import InputError
 from hmcvt_core.files.numbers import no_number
 from hmcvt_core.transmission.quantities import BY_NAME, QUANTITIES
 from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.units import UNITS, kind_of, plain_text
 
 from .header import RawTable
 from .numbers import Numbers, Style, finite_share, not_available
 from .rules import SHAFT_KINDS, Meaning, file_says_efficiency, meaning_of
 from .stamps import DATE_ORDERS, Times, read_times
-from .units import UNITS, kind_of, plain_text, to_si, unit_of
+from .units import to_si, unit_of
 
 INPUTS = ("engine_torque", "engine_power")
 OUTPUTS = ("load_torque", "output_torque", "output_power", "torque_loss")

@@ -19,6 +19,7 @@ from hmcvt_core.files.bench import BenchSamples, column_name
 from hmcvt_core.files.numbers import is_number, no_number
 from hmcvt_core.transmission.quantities import BY_NAME
 from hmcvt_core.transmission.ranges import BENCH_COLUMNS, Array
+from hmcvt_core.transmission.units import UNITS, kind_of
 
 from .checks import (
     causes_of_efficiency,
@@ -57,7 +58,7 @@ from .rules import meaning_of
 from .shafts import exchanged_shafts, odd_oil, odd_ratios, shafts_note
 from .stamps import joined_stamps, read_times
 from .summaries import header_rows, summary_rows
-from .units import UNITS, kind_of, to_si, unit_of
+from .units import to_si, unit_of
 
 __all__ = [
     "UNITS",
@@ -244,7 +245,7 @@ def import_table(
     skip_bad: bool = False,
     averaged: bool = False,
     unchecked: bool = False,
-    sessions_named: bool = False,
+    session: str | None = None,
 ) -> Imported:
     """Make bench samples of a table.
 
@@ -257,7 +258,7 @@ def import_table(
         skip_bad: leave rows out that hold no test, instead of refusing the table.
         averaged: each row is a steady test, however fast the stamps rise.
         unchecked: take values that contradict each other or look like another unit.
-        sessions_named: the caller adds the sessions, so that days do not count as such.
+        session: column of which the caller makes sessions, so that days do not count as such.
 
     Raises:
         InputError: a column is named twice, a unit is not that of the cells, quantities are
@@ -280,7 +281,7 @@ def import_table(
         elif is_recording(values["stamp"], values):
             return _from_recording(values, columns, proposal, extra, table, unchecked)
     notes += _drop_empty(values, columns, table)
-    has_sessions = sessions_named or "session" in extra
+    has_sessions = session is not None or "session" in extra
     dated = "stamp" in values and holds_dates_alone(values["stamp"])
     if dated and not has_sessions:
         days = days_of(values["stamp"])
@@ -324,8 +325,38 @@ def import_table(
     note = shafts_note(taken, columns, stages)
     if note:
         notes.append(note)
+    notes += _not_used_note(extra, session, proposal, notes)
     samples = _bench(taken, extra, rows.kept, table)
     return Imported(samples, rows.left_out, tuple(notes), len(rows.doubtful))
+
+
+def _not_used_note(
+    extra: Mapping[str, Sequence[str]],
+    session: str | None,
+    proposal: Proposal,
+    notes: Sequence[str],
+) -> list[str]:
+    """Name the columns of which nothing is made, and no other note says so.
+
+    Args:
+        extra: columns that hold no quantity.
+        session: column of the sessions, if the user names one.
+        proposal: whose spare columns are compared with others.
+        notes: so far.
+    """
+    compared = {column.name for column in proposal.spares.values()}
+    named = " ".join(notes)
+    names = []
+    for name in extra:
+        is_used = name in ("stage", "session", session) or name in compared
+        if not is_used and repr(name) not in named:
+            names.append(name)
+    if not names:
+        return []
+    shown = ", ".join(map(repr, names[:_MAX_SHOWN]))
+    if len(names) > _MAX_SHOWN:
+        shown += f" and {len(names) - _MAX_SHOWN} more"
+    return [f"kept as they are, not used: {shown}"]
 
 
 def _dates_note(column: str, days: int) -> str:

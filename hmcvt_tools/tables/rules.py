@@ -1,10 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Which words, units and sides of the transmission name which quantity.
 
-`WORDS` gives the meaning of each word, in several languages. The registry of quantities
-(`transmission.quantities`) says which meanings make a quantity. Every word of a name counts: a word
-that is not listed is reported, so that the proposal can ask instead of passing over it. To add a
-language, add its words to `WORDS`.
+`transmission.words` gives the meaning of each word, in several languages; the registry of
+quantities (`transmission.quantities`) which meanings make a quantity. Every word of a name counts:
+a word that is not listed is reported, so that the proposal can ask instead of passing over it.
 """
 
 import re
@@ -14,8 +13,15 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from hmcvt_core.transmission.quantities import QUANTITIES, Heading
+from hmcvt_core.transmission.units import KIND_UNITS, Unit, usual_unit
+from hmcvt_core.transmission.words import (
+    COMPOUND_PARTS,
+    MEANINGS,
+    meanings_of,
+    words_of,
+)
 
-from .units import KIND_UNITS, Unit, plain_text, to_si, unit_of, usual_unit
+from .units import to_si, unit_of
 
 KINDS = (
     "efficiency",
@@ -32,109 +38,21 @@ KINDS = (
 SHAFT_KINDS = ("speed", "torque", "power")
 """What is measured at a shaft, so that its side must be known."""
 
-WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "efficiency": "efficiency efficiencies eta eff effic wirkungsgrad rendement "
-        "rendimiento rendimento eficiencia efficienza verim kpd \u6548\u7387 "
-        "\u603b\u6548\u7387 \u043a\u043f\u0434",
-        "stroke": "displacement stroke eps epsilon swash swivel swashplate "
-        "schwenkwinkel schwenkung hub pumpenhub verstellung verstellgrad aussteuerung "
-        "schluckgrad alpha displ cylindree cilindrada cilindrata carrera corsa course "
-        "schwenkgrad ausschwenkung ausschwenkgrad foerdervolumen verdraengungsvolumen "
-        "schluckvolumen plateau plato piatto "
-        "\u6392\u91cf\u6bd4 \u6392\u91cf \u659c\u76d8",
-        "temperature": "temp temperature temperatur temperatura temperaturen theta "
-        "\u6e29\u5ea6 \u6cb9\u6e29",
-        "pressure": "pressure press pres druck dp deltap druckdifferenz differenzdruck "
-        "pression presion pressione pressao hochdruck \u538b\u529b \u538b\u5dee "
-        "\u538b\u5f3a",
-        "power": "power leistung pwr puissance potencia potenza \u529f\u7387",
-        "torque": "torque drehmoment moment trq tq md mt couple par coppia moto "
-        "torsion \u626d\u77e9 \u8f6c\u77e9 \u529b\u77e9",
-        "speed": "speed drehzahl omega rpm regime vitesse velocity velocidad rev "
-        "regimen giri velocita drehgeschwindigkeit winkelgeschwindigkeit spd vel "
-        "\u8f6c\u901f \u89d2\u901f\u5ea6",
-        "time": "time zeit stamp timestamp timestamps datetime date datum uhrzeit "
-        "zeitstempel temps tiempo tempo hora heure fecha xvalue \u65f6\u95f4",
-        "stage": "stage gang fahrbereich stufe fahrstufe gangstufe",
-        "flow": "flow volumenstrom durchfluss forderstrom debit caudal portata "
-        "\u6d41\u91cf",
-        "engine": "engine eng input inlet in an antrieb eingang antriebswelle crankshaft "
-        "\u8f93\u5165\u7aef eingangswelle verbrennungsmotor diesel dieselmotor ice ein e i "
-        "moteur entree "
-        "ingresso entrada motore vm vkm dm \u53d1\u52a8\u673a \u8f93\u5165 \u8f93\u5165\u8f74",
-        "output": "output out outlet ab aus a o abtrieb ausgang abtriebswelle "
-        "ausgangswelle sortie salida uscita saida cardan gelenkwelle kardanwelle nout "
-        "\u8f93\u51fa \u8f93\u51fa\u8f74 \u8f93\u51fa\u7aef",
-        "load": "load last charge carga carico \u8d1f\u8f7d",
-        "std": "std sigma uncertainty stdev scatter streuung unsicherheit deviation "
-        "standardabweichung",
-        "oil": "oil oel sump tank reservoir lube huile olio aceite fluid atf utto "
-        "hydrauliktank oeltank sumpf oelsumpf \u6cb9\u6db2 \u6cb9",
-        "pump": "pump pumpe pompe pompa bomba \u6cf5 \u53d8\u91cf\u6cf5",
-        "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
-        "alta baja bassa system",
-        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
-        "gavage suralimentation alimentation \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
-        "neutral": "of the at and de du des del di la le les el il der die das am pro "
-        "shaft welle arbre albero eje value values val wert mean average avg mittel "
-        "mittelwert moyenne media ist istwert actual measured meas mess gemessen "
-        "messwert signal sensor raw filtered filt ratio total overall gesamt transmission "
-        "gearbox getriebe trans cvt hmcvt angular plate "
-        "position pos angle winkel relative norm normalized relativ relativer "
-        "relativa relativo relatives relatif rel dell permille promille tilt setting "
-        "verhaeltnis verstell taux rapport rapporto relacion inclinaison inclinazione "
-        "inclinacion posicion posizione \u503e\u89d2\u6bd4 \u503e\u89d2 \u5f00\u5ea6 "
-        "\u76f8\u5bf9 percent delta d diff "
-        "difference differential hydraulic hydraulisch hydr hyd sys degree grad "
-        "elapsed test abs absolute lokal utc sec rotational rotation rotary rot tot ges "
-        "median point \u6db2\u538b \u4f20\u52a8 \u7cfb\u7edf "
-        "\u53d8\u901f\u7bb1 bench pruefstand x",
-        "loss": "loss losses verlust verluste perte perdida perdita",
-        "other": "fuel kraftstoff "
-        "ambient umgebung room raum target set setpoint soll sollwert so cmd command "
-        "commanded demand demanded desired requested request limit limits max maximum "
-        "min minimum coolant kuehlwasser wasser water fan luefter pto zapfwelle turbo "
-        "exhaust abgas idle leerlauf wheel rad axle achse vehicle fahrzeug ground gps "
-        "averaging mittelungszeit messzeit messdauer "
-        "accuracy error fehler step increment volumetric volumetrisch vol mechanical "
-        "mechanisch mech hydromechanical thermal combustion motor machine m1 case "
-        "volumetrique volumique mecanique volumetrico mecanico mecanica volumetrica meccanico "
-        "\u5bb9\u79ef \u673a\u68b0 "
-        "housing gehaeuse winding inverter peu rotor stator bearing lager ring sun "
-        "carrier number nr nummer no count start stop end duration dauer operating "
-        "remaining operation betriebsstunden air luft intake manifold charge_air "
-        "predicted prediction simulated simulation sim model modelled nominal nenn rated "
-        "electric electrical elektrisch electrique "
-        "barometric barometer atmospheric atmosphere luftdruck "
-        "torsional weather humidity tyre tire reifen reference ref",
-    }
-)
-"""Words by meaning, without accents; umlauts as two letters."""
-
-COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "motordrehzahl": ("engine", "speed"),
-        "motordrehmoment": ("engine", "torque"),
-        "motormoment": ("engine", "torque"),
-        "motorleistung": ("engine", "power"),
-        "oiltemp": ("oil", "temperature"),
-        "oeltemp": ("oil", "temperature"),
-        "toil": ("oil", "temperature"),
-        "toel": ("oil", "temperature"),
-        "\u6cb9\u6e29": ("oil", "temperature"),
-    }
-)
-"""Compounds whose parts alone would mean something else: `Motor` in German is the engine."""
 _OF_A_PART = frozenset(
     {
         *("gear", "gears", "zahnrad", "verzahnung", "planetary", "planet", "mesh"),
         *("differential", "clutch", "kupplung", "variator", "hst", "hydrostat"),
         *("brake", "belt", "drive", "axle", "stage", "stufe"),
+        *("v", "hm", "mh", "diferencial", "differenziale", "differentielle"),
     }
 )
 """Next to an efficiency these words name a part of the transmission, or more than it."""
-_DIFFERENCE = frozenset({"delta", "diff", "difference", "differential"})
+_DIFFERENCE = frozenset(
+    {
+        *("delta", "diff", "difference", "differential"),
+        *("diferencial", "differenziale", "differentielle"),
+    }
+)
 """Next to what is measured at a shaft these words name a change of it."""
 _GERMANIC_KINDS = frozenset(
     {
@@ -145,7 +63,11 @@ _GERMANIC_KINDS = frozenset(
 """Next to these words `motor` is German or Spanish and means the engine."""
 
 _OIL_PLACES = frozenset(
-    {"getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"}
+    {
+        *("getriebe", "transmission", "gearbox", "hydraulic", "hyd", "hydr"),
+        *("boite", "cambio", "caja", "transmision", "trasmissione", "hydraulik"),
+        *("hydraulique", "hidraulico", "hidraulica", "idraulico", "idraulica"),
+    }
 )
 
 _PORTS = frozenset({"a", "b", "port"})
@@ -155,10 +77,14 @@ _FEED_STEMS = ("charge", "charging", "carga", "carica", "gavage")
 _OF_THE_HYDRAULICS = frozenset(
     {
         *("hydraulic", "hydraulics", "hydraulisch", "hydr", "hyd"),
-        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique"),
+        *("hydrostatic", "hydrostat", "hydrostatisch", "hydraulique", "hydraulik"),
+        *("hidraulico", "hidraulica", "idraulico", "idraulica", "\u6db2\u538b"),
     }
 )
 """Next to a power or an efficiency these words name the hydraulic path alone."""
+_MOTORS = frozenset({"motor", "moteur", "motore"})
+"""These words, which may name the engine, name the hydraulic motor next to a stroke or the word
+hydraulic."""
 
 SYMBOLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -226,30 +152,6 @@ class Meaning(NamedTuple):
     excluded: str = ""
 
 
-def _dictionary() -> dict[str, tuple[str, ...]]:
-    words: dict[str, tuple[str, ...]] = {}
-    for meaning, listed in WORDS.items():
-        for word in listed.split():
-            words[word] = (*words.get(word, ()), meaning)
-    return words | dict(COMPOUNDS)
-
-
-_MEANINGS = _dictionary()
-_SHORT_PARTS = ("oel", "oil")
-"""Short words that compounds begin with, as in `Oeltemperatur`."""
-
-
-def _compound_parts() -> list[str]:
-    """Return the words of which compounds are made, the longest first."""
-    parts = []
-    for word in _MEANINGS:
-        if len(word) > 3 or not word.isascii() or word in _SHORT_PARTS:
-            parts.append(word)
-    return sorted(parts, key=len, reverse=True)
-
-
-_LONG = _compound_parts()
-_LINKS = ("", "s", "es", "n", "en")
 _BRACKET = re.compile(r"[\[(<{\uff08\u3010]([^\])>}\uff09\u3011]*)[\])>}\uff09\u3011]")
 _CHANNEL = re.compile(r"\b(?:ch|channel|kanal|voie|canal)\W*\d+\b", re.IGNORECASE)
 """Number of the channel of a data logger, which does not belong to the name."""
@@ -268,39 +170,6 @@ _SUFFIX = re.compile(
     r"[_ ]((?:rad|deg|rev)[_ ](?:per[_ ])?(?:sec|s|min)|k?N[_ ]m|deg[_ ][CF]|"
     r"[^_ ]+(?:[_ ]ft)?)$"
 )
-
-
-_MISREAD = "\u00a1-\u00ac\u00ae\u00af\u00b4\u00b6\u00b8\u00bb\u00bf\ufffd"
-"""Signs that stand in a name only where the encoding of the file was not recognised."""
-
-
-@lru_cache(maxsize=4096)
-def _word_meanings(word: str) -> tuple[str, ...]:
-    """Return the meanings of a word, those of its parts where it is composed; () if unknown."""
-    if word in _MEANINGS:
-        return _MEANINGS[word]
-    for part in _LONG:
-        if not word.startswith(part):
-            continue
-        for link in _LINKS:
-            rest = word[len(part) :]
-            if not rest.startswith(link) or rest == link:
-                continue
-            others = (
-                _word_meanings(rest[len(link) :]) if len(rest) > len(link) + 1 else ()
-            )
-            if others:
-                return (*_MEANINGS[part], *others)
-    return ()
-
-
-def _tokens(name: str) -> list[str]:
-    """Return the words of a name in their own case."""
-    text = plain_text(name.replace("+/-", " std "))
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    text = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])", " ", text)
-    text = re.sub(r"([^\x00-\u02ff]+)", r" \1 ", text)
-    return re.findall(rf"[^\W_]+|[{_MISREAD}]+", text)
 
 
 class _Parts(NamedTuple):
@@ -322,10 +191,10 @@ def _take_apart(cell: str) -> _Parts:
     for number, bracket in enumerate(reversed(brackets)):
         text = bracket[1].strip()
         known = usual_unit(text) if text else None
-        tokens = _tokens(text)
+        tokens = words_of(text)
         # A sign that is neither a word nor a known unit may well be a unit.
         only_words = bool(tokens) or not text
-        only_words &= all(_word_meanings(token.lower()) for token in tokens)
+        only_words &= all(meanings_of(token.lower()) for token in tokens)
         if known is None and only_words:
             inner_words += tokens
             continue
@@ -335,7 +204,7 @@ def _take_apart(cell: str) -> _Parts:
         else:
             unread.append(bracket[0])
     if unit is not None or brackets:
-        return _Parts([*_tokens(bare), *inner_words], unit, tuple(unread))
+        return _Parts([*words_of(bare), *inner_words], unit, tuple(unread))
     return _without_suffix(bare)
 
 
@@ -345,22 +214,22 @@ def _without_suffix(name: str) -> _Parts:
     if scaled is not None:
         known = unit_of(scaled[1])
         if known is not None:
-            return _Parts(_tokens(name[: scaled.start()]), known)
+            return _Parts(words_of(name[: scaled.start()]), known)
     delimited = _DELIMITED.search(name)
     if delimited is not None:
         known = usual_unit(delimited[1])
         if known is not None:
-            return _Parts(_tokens(name[: delimited.start()]), known)
+            return _Parts(words_of(name[: delimited.start()]), known)
     suffix = _SUFFIX.search(name)
     if suffix is None:
-        return _Parts(_tokens(name), None)
+        return _Parts(words_of(name), None)
     known = usual_unit(suffix[1])
     if known is None or suffix[1].isdigit():
-        return _Parts(_tokens(name), None)
-    before = _tokens(name[: suffix.start()])
+        return _Parts(words_of(name), None)
+    before = words_of(name[: suffix.start()])
     if _is_unit_suffix(suffix[1], known, before):
         return _Parts(before, known)
-    return _Parts(_tokens(name), None)
+    return _Parts(words_of(name), None)
 
 
 _INDICES = ("in", "h", "s", "m")
@@ -407,7 +276,7 @@ def _word_kinds(tokens: list[str]) -> set[str]:
     kinds: set[str] = set()
     for token in tokens:
         if token not in SYMBOLS:
-            kinds.update(_word_meanings(token.lower()))
+            kinds.update(meanings_of(token.lower()))
     return kinds & set(KINDS)
 
 
@@ -476,15 +345,31 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
         against |= means & {"pump", "feed", "oil", "std"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
+    elif kind == "stroke":
+        listed = _MOTORS
     lowered = [word.lower() for word in words]
+    if kind in SHAFT_KINDS and not _OF_THE_HYDRAULICS.isdisjoint(lowered):
+        listed = listed | _MOTORS
     for word, low in zip(words, lowered, strict=True):
         if low == "operating" and "point" in lowered:
             continue
-        if low in listed or against & set(_word_meanings(low)):
+        if _is_or_begins_with(low, listed) or against & set(meanings_of(low)):
             return word
         if low.endswith(_RATIOS) and kind not in ("stroke", "efficiency"):
             return word
     return ""
+
+
+def _is_or_begins_with(word: str, listed: Set[str]) -> bool:
+    """Return whether a word is listed, or composed of a listed one and others."""
+    if word in listed:
+        return True
+    if word in MEANINGS or not meanings_of(word):
+        return False
+    beginnings = [
+        part for part in listed if part in COMPOUND_PARTS and word.startswith(part)
+    ]
+    return bool(beginnings)
 
 
 def _kinds_clash(quantity: str, kind: str, words: list[str]) -> str:
@@ -578,7 +463,7 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
         if low == "motor" and _GERMANIC_KINDS & set(lowered):
             means.add("engine")
             continue
-        found = _word_meanings(low)
+        found = meanings_of(low)
         if found:
             means |= set(found)
         else:
@@ -601,7 +486,7 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
 def _names_side(words: list[str]) -> bool:
     """Return whether a word longer than a letter names a side of the transmission."""
     for word in words:
-        sides = {"engine", "output", "load"} & set(_word_meanings(word))
+        sides = {"engine", "output", "load"} & set(meanings_of(word))
         if sides and word not in _SIDE_LETTERS:
             return True
     return False
@@ -613,9 +498,9 @@ def _sides_by_letter(words: list[str]) -> set[str]:
     by_word: set[str] = set()
     for word in words:
         if word in _SIDE_LETTERS:
-            by_letter.update(_word_meanings(word))
+            by_letter.update(meanings_of(word))
         else:
-            by_word.update(_word_meanings(word))
+            by_word.update(meanings_of(word))
     return by_letter - by_word
 
 
@@ -667,7 +552,7 @@ def _one_of_two(words: list[str]) -> set[str]:
     """
     if "of the engine" in " ".join(words):
         return {"engine"}
-    engine = {word for word in words if "engine" in _word_meanings(word)}
+    engine = {word for word in words if "engine" in meanings_of(word)}
     if engine == {"in"} and not _AT_THE_OUTPUT.isdisjoint(words):
         return {"output"}  # as in `coppia in uscita`
     return {"engine", "output"}
@@ -675,8 +560,12 @@ def _one_of_two(words: list[str]) -> set[str]:
 
 def _says_difference(words: list[str]) -> bool:
     """Return whether a name says that it is a difference, as in `system dp`."""
-    text = " ".join(words).lower()
-    return re.search(r"\b(d|dp|delta\w*|diff\w*)\b", text) is not None
+    return _SAYS_DIFFERENCE.search(" ".join(words).lower()) is not None
+
+
+_SAYS_DIFFERENCE = re.compile(
+    r"\b(d|dp|delta\w*|diff\w*|diferenc\w*|druckdifferenz)\b|\u538b\u5dee"
+)
 
 
 def _may_be_of_oil(means: set[str], words: list[str]) -> bool:
@@ -695,7 +584,7 @@ def names_quantity(cell: str) -> str:
 
 def file_says_efficiency(name: str) -> bool:
     """Return whether the name of a file or sheet says that it holds efficiencies."""
-    words = {word.lower() for word in _tokens(name)}
+    words = {word.lower() for word in words_of(name)}
     return not words.isdisjoint(_EFFICIENCY_OF_FILES)
 
 
@@ -744,7 +633,7 @@ def unit_bench_meaning(name: str) -> tuple[str, Unit | None]:
     others = set()
     for word in words:
         is_symbol = word in SYMBOLS or word.upper() in SYMBOLS
-        if kind not in _word_meanings(word) and not is_symbol:
+        if kind not in meanings_of(word) and not is_symbol:
             others.add(word)
     return _unit_bench_quantity(kind, words, others), parts.unit
 
@@ -777,7 +666,7 @@ def _unit_bench_quantity(kind: str, words: set[str], others: set[str]) -> str:
         if further and others <= further | _UNIT_BENCH_WORDS:
             return quantity
     for word in others - _UNIT_BENCH_WORDS:
-        if "stroke" not in _word_meanings(word):
+        if "stroke" not in meanings_of(word):
             return ""
     if kind == "temperature":
         return "oil_temperature"

@@ -16,6 +16,11 @@ from hmcvt_core.transmission.ranges import Array
 from .proposal import Column, option
 
 _FEWEST_TESTS = 5
+_FEWEST_OF_LINE = 4
+"""Tests from which a line over the stroke can be told from its inverse."""
+FALLS = ", so it falls as the stroke rises"
+DOUBT = ": check the sign of the stroke, and which speed is that of the engine"
+"""Note on a speed ratio that falls, and what may be wrong then."""
 _MIN_SPREAD = 0.1
 """Standard deviation of the logarithm of the speed ratio from which exchanged shafts show."""
 _MIN_STROKES = 0.5
@@ -79,9 +84,9 @@ def exchanged_shafts(
         stages: of the tests; None where no column names them.
     """
     ratio = _speed_ratio(values)
-    if ratio is None or len(ratio) < _FEWEST_TESTS or not np.all(ratio > 0.0):
+    if ratio is None or not np.all(ratio > 0.0):
         return []
-    if np.std(np.log(ratio)) > _MIN_SPREAD:
+    if len(ratio) >= _FEWEST_TESTS and np.std(np.log(ratio)) > _MIN_SPREAD:
         exchange = _steadier_exchange(values)
         if exchange:
             return [
@@ -177,7 +182,7 @@ def _inverse_line(
     known = np.isfinite(stroke) & np.isfinite(ratio)
     stroke = stroke[known]
     ratio = ratio[known]
-    if len(stroke) < _FEWEST_TESTS or np.ptp(stroke) < _MIN_STROKES:
+    if len(stroke) < _FEWEST_OF_LINE or np.ptp(stroke) < _MIN_STROKES:
         return []
     forward = _distance_from_line(stroke, ratio)
     inverse = _distance_from_line(stroke, 1.0 / ratio)
@@ -320,5 +325,5 @@ def _ratio_at_ends(stroke: Array, ratio: Array) -> str:
     if stroke[highest] > stroke[lowest]:
         text += f" and {ratio[highest]:.3g} at {stroke[highest]:.2g}"
         if ratio[highest] < ratio[lowest]:
-            text += ", so it falls as the stroke rises: check the sign of the stroke"
+            text += f"{FALLS}{DOUBT}"
     return text

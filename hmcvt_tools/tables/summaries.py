@@ -16,11 +16,12 @@ import numpy as np
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.numbers import is_number
 from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.units import plain_text
 
 from .header import RawTable
 from .numbers import last_digit, not_available, read_numbers
 from .rules import meaning_of, names_quantity
-from .units import holds_units, plain_text, unit_of
+from .units import holds_units, unit_of
 
 _MEAN_WORDS = (
     "mean average avg mittel mittelwert mittelwerte durchschnitt moyenne media medio "

@@ -169,6 +169,9 @@ def read_unit(
     if displacement is not None:
         cells = _with_stroke(cells, units, displacement, notes)
     values = _numbers(cells, units)
+    not_used = _not_used(cells)
+    if not_used:
+        notes.append(f"columns not used: {', '.join(not_used)}")
     nothing = np.zeros(len(cells.rows))
     samples = UnitSamples(
         given.pop(),
@@ -510,6 +513,14 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
             f"{_MIN_PRESSURE:g}: is it in bar or MPa? (pressure_bar)"
         )
     return values
+
+
+def _not_used(cells: Table) -> list[str]:
+    """Return the columns of which neither a loss nor a comparison is made."""
+    used = {*_QUANTITIES, "kind", "unit"}
+    if "pressure" in cells.columns:
+        used -= set(_PORTS)
+    return [name for name in cells.columns if name not in used]
 
 
 def _largest_displacement(cells: Table, units: Mapping[str, str]) -> str:

@@ -46,21 +46,27 @@ BS_:
 
 BU_: BENCH
 
-BO_ 256 INPUT: 8 BENCH
+BO_ {numbers[0]} INPUT: 8 BENCH
  SG_ EngineSpeed : 0|32@1+ (0.001,0) [0|4000] "rpm" BENCH
  SG_ EngineTorque : 32|32@1- (0.001,0) [-2000|2000] "{torque}" BENCH
 
-BO_ 257 OUTPUT: 8 BENCH
+BO_ {numbers[1]} OUTPUT: 8 BENCH
  SG_ OutputSpeed : 0|32@1- (0.001,0) [-4000|4000] "rpm" BENCH
  SG_ OutputTorque : 32|32@1- (0.001,0) [-4000|4000] "{torque}" BENCH
 
-BO_ 258 UNIT: 8 BENCH
+BO_ {numbers[2]} UNIT: 8 BENCH
  SG_ PumpStroke : 0|32@1- (0.001,0) [-110|110] "%" BENCH
 
-BO_ 259 OTHERS: 8 BENCH
+BO_ {numbers[3]} OTHERS: 8 BENCH
  SG_ CoolantTemperature : 0|16@1- (0.01,0) [-40|200] "degC" BENCH
  SG_ EngineSpeedSetpoint : 16|16@1+ (0.125,0) [0|4000] "rpm" BENCH
 """
+_STANDARD = (0x100, 0x101, 0x102, 0x103)
+_ONE_GROUP = (0x18FF5010, 0x18FF5011, 0x18FF5017, 0x18FF5020)
+"""Identifiers of one parameter group of J1939 that four addresses send."""
+_LARGEST_STANDARD = 0x7FF
+_EXTENDED = 0x80000000
+"""Bit by which a DBC marks an identifier of 29 bits."""
 
 
 def random_recording(rng: np.random.Generator, folder: Path) -> Recording:
@@ -268,12 +274,15 @@ def _can(
     path = folder / f"recording.{suffix}"
     dbc = folder / "recording.dbc"
     bare = bool(rng.random() < 0.15)
-    dbc.write_text(_DBC.format(torque="" if bare else "Nm"))
+    one_group = bool(rng.random() < 0.4)
+    identifiers = _ONE_GROUP if one_group else _STANDARD
+    numbers = [number + _EXTENDED * one_group for number in identifiers]
+    dbc.write_text(_DBC.format(torque="" if bare else "Nm", numbers=numbers))
     buses = int(rng.choice([1, 1, 1, 2]))
     relative = bool(rng.random() < 0.5)
     # A difference to the frame before cannot hold a wrong stamp of its own.
     wrong_stamp = bool(rng.random() < 0.15) and kind == "log"
-    frames = _frames(history, buses)
+    frames = _frames(history, buses, identifiers)
     if wrong_stamp:
         row = int(rng.integers(20, len(frames) - 20))
         frames[row] = (frames[row][0] + _WRONG, *frames[row][1:])
@@ -282,16 +291,17 @@ def _can(
     else:
         path.write_text(_text(rng, kind, frames, relative))
     features = {"format": kind, "buses": buses, "relative": relative, "bare": bare}
-    features["wrong_stamp"] = wrong_stamp
+    features |= {"wrong_stamp": wrong_stamp, "one_group": one_group}
     must_ask = buses > 1 or bare
     return Recording(path, ("--dbc", str(dbc)), history, must_ask, features)
 
 
-def _frames(history: History, buses: int) -> list[Any]:
+def _frames(history: History, buses: int, identifiers: tuple[int, ...]) -> list[Any]:
     """Return frames in the order of time: stamp, bus, identifier and data of each."""
-    messages = {0x100: INPUT, 0x101: OUTPUT, 0x102: ("PumpStroke",)}
+    messages = (INPUT, OUTPUT, ("PumpStroke",))
     frames = []
-    for place, (identifier, names) in enumerate(messages.items()):
+    for place, names in enumerate(messages):
+        identifier = identifiers[place]
         time = history.readings[names[0]].time
         raw = [np.round(1e3 * history.readings[name].values) for name in names]
         for row, now in enumerate(time.tolist()):
@@ -303,7 +313,7 @@ def _frames(history: History, buses: int) -> list[Any]:
                 frames.append((stamp, bus, identifier, payload))
     for now in history.readings["EngineSpeed"].time.tolist():
         payload = np.array([8500, 12_000, 0, 0], dtype="<i2").tobytes()
-        frames.append((round(_EPOCH + now + 4e-3, 6), 0, 0x103, payload))
+        frames.append((round(_EPOCH + now + 4e-3, 6), 0, identifiers[3], payload))
     return sorted(frames)
 
 
@@ -315,7 +325,7 @@ def _by_python_can(path: Path, frames: list[Any]) -> None:
             message = can.Message(
                 timestamp=stamp,
                 arbitration_id=identifier,
-                is_extended_id=False,
+                is_extended_id=identifier > _LARGEST_STANDARD,
                 data=data,
                 channel=bus + 1,
             )
@@ -337,22 +347,25 @@ def _text(
         blanks = data.hex(" ").upper()
         step = stamp - before
         before = stamp
+        number = f"{identifier:03X}"
+        mark = ""
+        if identifier > _LARGEST_STANDARD:
+            number = f"{identifier:08X}"
+            mark = "x"  # as Vector tools mark 29 bits
         if kind == "log":
-            lines.append(
-                f"({stamp:.6f}) can{bus} {identifier:03X}#{data.hex().upper()}"
-            )
+            lines.append(f"({stamp:.6f}) can{bus} {number}#{data.hex().upper()}")
         elif kind == "printed":
             shown = stamp - first if relative else stamp
-            text = f" ({shown:017.6f})  can{bus}  {identifier:03X}   [8]  {blanks}"
+            text = f" ({shown:017.6f})  can{bus}  {number}   [8]  {blanks}"
             lines.append(text)
         elif kind == "delta":
-            lines.append(
-                f" ({step:010.6f})  can{bus}  {identifier:03X}   [8]  {blanks}"
-            )
+            lines.append(f" ({step:010.6f})  can{bus}  {number}   [8]  {blanks}")
         else:
             # A trigger of CANoe sets the zero; what was before it has stamps below zero.
             shown = step if relative else stamp - first - early
-            lines.append(f"   {shown:.6f} {bus + 1}  {identifier:X}  Rx   d 8 {blanks}")
+            lines.append(
+                f"   {shown:.6f} {bus + 1}  {identifier:X}{mark}  Rx   d 8 {blanks}"
+            )
     return "\n".join(lines) + "\n"
 
 

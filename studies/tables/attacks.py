@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .headings import PUBLIC_OTHERS
+
 Array = NDArray[np.float64]
 Lines = list[list[str]]
 RPM = np.pi / 30.0
@@ -118,6 +120,38 @@ def efficiency_of_a_part(rng: np.random.Generator, draft: Draft) -> bool | None:
     return False
 
 
+STROKES_OF_THE_MOTOR = (
+    *("Motor displacement", "Cylindr\u00e9e moteur", "Cilindrata motore"),
+    *("Schwenkwinkel Hydromotor", "Cilindrada motor hidr\u00e1ulico"),
+    *("Hub Motor", "motor swash angle", "\u9a6c\u8fbe\u6392\u91cf\u6bd4"),
+)
+FOREIGN_UNITS = {
+    "speed": ("rpm", "1/min", "tr/min", "r/min"),
+    "torque": ("Nm", "N\u00b7m"),
+    "power": ("kW",),
+}
+
+
+def foreign_instead(rng: np.random.Generator, draft: Draft) -> bool | None:
+    """Give what is none of the quantities where a speed, torque, power or stroke would stand."""
+    columns = [column for column in draft.columns if column.quantity]
+    column = columns[int(rng.integers(len(columns)))]
+    kind = column.quantity.rpartition("_")[2]
+    if not draft.has_units or (kind not in FOREIGN_UNITS and kind != "ratio"):
+        return None
+    names = list(STROKES_OF_THE_MOTOR)
+    if kind in FOREIGN_UNITS:
+        names = []
+        for header, _, _ in PUBLIC_OTHERS:
+            name, _, unit = header.rstrip(")]").replace("(", "[").rpartition("[")
+            if unit in FOREIGN_UNITS[kind]:
+                names.append(name.strip())
+    column.name = str(rng.choice(names))
+    draft.rewrite(column, column.numbers * rng.uniform(0.6, 0.95))
+    column.quantity = ""
+    return False
+
+
 FURTHER = (
     *("{} std", "{} sd", "{} set", "{} soll", "{} limit", "{} max", "{} target"),
     *("{} stdev", "{} setpoint", "{} sim", "{} ripple", "{} error", "\u0394 {}"),
@@ -185,6 +219,7 @@ COLUMN_ATTACKS = (
     exchanged_names,
     neutral_in_the_middle,
     efficiency_of_a_part,
+    foreign_instead,
     further_column,
     set_values_only,
     torque_without_unit,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .attacks import COLUMN_ATTACKS, LINE_ATTACKS, RPM, Array, Column, Draft
+from .headings import PUBLIC_NAMES, PUBLIC_OTHERS
 
 # Names by language; S of a shaft quantity is its side.
 NAMES: dict[str, dict[str, tuple[str, ...]]] = {
@@ -402,7 +403,8 @@ def random_table(rng: np.random.Generator) -> RandomTable:
         thousands = ""
     style = str(
         rng.choice(
-            ["[]", "()", "row", "/", "_", "none"], p=[0.35, 0.15, 0.2, 0.1, 0.1, 0.1]
+            ["[]", "()", "row", "/", "_", ",", "none"],
+            p=[0.35, 0.15, 0.15, 0.1, 0.1, 0.05, 0.1],
         )
     )
     complete = style != "none"
@@ -410,7 +412,8 @@ def random_table(rng: np.random.Generator) -> RandomTable:
     rounding = 1e-4
     for quantity in quantities:
         further = FURTHER_NAMES[language].get(quantity, ())
-        name = str(rng.choice([*NAMES[language][quantity], *further]))
+        public = PUBLIC_NAMES[language][quantity]
+        name = str(rng.choice([*NAMES[language][quantity], *further, *public]))
         kind = KINDS[quantity]
         unit = _unit(rng, kind, style)
         size, zero = UNITS[kind].get(unit, (1.0, 0.0))
@@ -422,9 +425,10 @@ def random_table(rng: np.random.Generator) -> RandomTable:
         rounding += 0.5 * 10.0**-digits / max(float(np.min(np.abs(values))), 1e-2)
         cells = [_number(value, digits, decimal, thousands) for value in values]
         columns.append(Column(quantity, name, unit, cells, values))
+    others = (*OTHERS, *PUBLIC_OTHERS)
     n_others = int(rng.integers(0, 4))
-    for index in rng.choice(len(OTHERS), n_others, replace=False):
-        header, middle, spread = OTHERS[index]
+    for index in rng.choice(len(others), n_others, replace=False):
+        header, middle, spread = others[index]
         values = rng.normal(middle, spread, tests)
         cells = [_number(v, 1, decimal, "") for v in values]
         columns.append(Column("", header, "", cells, values))
@@ -529,7 +533,13 @@ def _unit(rng: np.random.Generator, kind: str, style: str) -> str:
 
 def _lines(columns: list[Column], style: str) -> list[list[str]]:
     """Return header, row of units and rows."""
-    forms = {"[]": "{} [{}]", "()": "{} ({})", "/": "{} / {}", "_": "{}_{}"}
+    forms = {
+        "[]": "{} [{}]",
+        "()": "{} ({})",
+        "/": "{} / {}",
+        "_": "{}_{}",
+        ",": "{}, {}",
+    }
     header = []
     for column in columns:
         text = column.name

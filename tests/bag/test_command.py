@@ -159,6 +159,7 @@ def test_signals_with_topics_of_their_own_give_the_same_samples(hmcvt, workplace
             "displacement_ratio=/pump/stroke:deg",
             "'deg' is no unit of displacement_ratio",
         ),
+        ("displacement_ratio=/pump/stroke:%@50", "'%@50' has another zero than SI"),
         ("stroke=/pump/stroke", "write NAME=TOPIC[:UNIT]"),
     ):
         done = hmcvt(

@@ -1,12 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Names and units of tables in several languages, of cycles, engine maps and units."""
 
+import click
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
 import hmcvt_tools
 from hmcvt_core.errors import InputError
+from hmcvt_tools.cli import quantities
 from hmcvt_tools.mission.cycle import read_cycle
 from hmcvt_tools.tables.rules import meaning_of
 
@@ -78,6 +80,18 @@ def test_headings_of_reports(name, quantity):
     meaning = meaning_of(name)
     assert meaning.quantity == quantity
     assert not meaning.unknown
+
+
+def test_columns_that_are_not_used_are_named(tmp_path):
+    header = [*HEADERS["de"].split(";"), "Speisedruck [bar]", "Nr.", "Bemerkung"]
+    path = written(tmp_path / "t.csv", header, extra=(24.0, 7, "warm"))
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert (
+        "kept as they are, not used: 'Speisedruck [bar]', 'Nr.', 'Bemerkung'"
+        in done.out
+    )
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes", "--session", "Nr.")
+    assert "not used: 'Speisedruck [bar]', 'Bemerkung'" in done.out
 
 
 def test_two_spellings_of_one_unit_agree():
@@ -274,6 +288,112 @@ def test_an_absurd_fuel_at_part_load_is_refused(tmp_path):
         engine_map(tmp_path / "e.csv", worst=2100.0)
 
 
+ENGINE_POINTS = [
+    (speed, torque, fuel)
+    for speed in (1000.0, 1500.0, 2000.0)
+    for torque, fuel in ((100.0, 300.0), (250.0, 230.0), (400.0, 220.0))
+]
+"""Speed [r/min], torque [N m] and fuel [g/kWh]."""
+
+
+@pytest.mark.parametrize(
+    ("header", "sizes"),
+    [
+        ("rpm,torque_Nm,bsfc_g_per_kWh", (1.0, 1.0, 1.0)),
+        ("Engine Speed (rpm),Torque (lb-ft),BSFC (g/kW-hr)", (1.0, 1.35582, 1.0)),
+        ("R\u00e9gime moteur (tr/min),Couple moteur [daN m],BSFC [g/kWh]", (1, 10, 1)),
+        ("Motordrehzahl [U/min],Motormoment [Nm],Verbrauch [kg/kWh]", (1, 1, 1e3)),
+        (
+            "\u53d1\u52a8\u673a\u8f6c\u901f(r/min),\u626d\u77e9(N\u00b7m),fuel (g/kWh)",
+            (1, 1, 1),
+        ),
+    ],
+)
+def test_names_and_units_of_engine_maps(tmp_path, header, sizes):
+    lines = [header]
+    for point in ENGINE_POINTS:
+        cells = [value / size for value, size in zip(point, sizes, strict=True)]
+        lines.append(",".join(f"{cell:.9g}" for cell in cells))
+    path = tmp_path / "e.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    engine = hmcvt.load_engine(path)
+    np.testing.assert_allclose(engine.speed, np.pi / 30.0 * np.array([1e3, 1.5e3, 2e3]))
+    np.testing.assert_allclose(engine.full_load, 400.0, rtol=1e-4)
+    np.testing.assert_allclose(engine.specific_fuel[:, -1], 220.0, rtol=1e-4)
+    assert engine.remarks == ()
+
+
+def test_what_of_an_engine_map_is_not_used_is_named(tmp_path):
+    lines = ["engine_speed [r/min],torque [N m],fuel [g/kWh],NOx [g/kWh]"]
+    lines += [
+        f"{speed:g},{torque:g},{fuel:g},3" for speed, torque, fuel in ENGINE_POINTS
+    ]
+    lines.append("1500,-40,0,0")
+    path = tmp_path / "e.csv"
+    path.write_text("\n".join(lines) + "\n")
+    engine = hmcvt.load_engine(path)
+    assert engine.remarks == (
+        "e.csv: 1 rows in which the engine gives no power are not used",
+        "e.csv: columns not used: NOx [g/kWh]",
+    )
+    assert "remarks" not in engine.to_dict()
+    done = run("mission", "transport", "--engine", path, "--json")
+    assert set(engine.remarks) <= set(done.json["remarks"]), done.err
+
+
+def test_a_table_without_names_is_refused(tmp_path):
+    path = tmp_path / "wltc.csv"
+    path.write_text("0.0,0.0\n1.0,0.4\n2.0,1.1\n")
+    for read in (read_cycle, hmcvt.load_engine, hmcvt.read_bench):
+        with pytest.raises(InputError, match="row 1: holds numbers only"):
+            read(path)
+
+
+def test_a_column_of_an_engine_map_without_a_unit_is_asked(tmp_path):
+    path = tmp_path / "e.csv"
+    path.write_text("engine speed [rpm],torque,fuel [g/kWh]\n1000,100,300\n")
+    with pytest.raises(InputError, match="'torque' states no unit, one of N m"):
+        hmcvt.load_engine(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (quantities.speed, "1400 tr/min", 1400.0 * np.pi / 30.0),
+        (quantities.speed, "1400 U/min", 1400.0 * np.pi / 30.0),
+        (quantities.torque, "20daNm", 200.0),
+        (quantities.torque, "100 lb-ft", 135.58179483),
+        (quantities.power, "0.05MW", 5e4),
+        (quantities.fraction, "55\u2030", 0.055),
+    ],
+)
+def test_units_of_options_are_those_of_tables(kind, text, value):
+    assert kind(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["20 1/s", "20 Hz", "20 Nm"])
+def test_an_option_refuses_a_unit_that_is_open_or_another(text):
+    with pytest.raises(click.BadParameter, match="is not a speed"):
+        quantities.speed(text)
+
+
+def test_units_of_a_vehicle_file_are_those_of_tables(tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text(
+        "schema: hmcvt-vehicle/1\nslip: {value: 80, unit: \u2030}\n"
+        "pto_speed_low: {value: 1900, unit: U/min}\n"
+        "limits: {stage_change_time: {value: 400, unit: ms}}\n",
+        encoding="utf-8",
+    )
+    vehicle = hmcvt_tools.load_vehicle(path)
+    assert vehicle.slip == pytest.approx(0.08)
+    assert vehicle.pto_speed_low == pytest.approx(1900.0 * np.pi / 30.0)
+    assert vehicle.limits.stage_change_time == pytest.approx(0.4)
+    path.write_text("schema: hmcvt-vehicle/1\nslip: {value: 0.5, unit: -@0.5}\n")
+    with pytest.raises(InputError, match=r"slip\.unit"):
+        hmcvt_tools.load_vehicle(path)
+
+
 def unit_bench(path, most):
     lines = ["displacement_cm3,speed_rpm,pressure_bar,flow_L/min,torque_Nm"]
     for displacement in (28.0, most):
@@ -292,6 +412,16 @@ def test_a_displacement_little_above_the_plate(tmp_path):
     samples = unit_bench(tmp_path / "p.csv", 56.5)
     assert samples.displacement_ratio.max() == 1.0
     assert "6 rows state a displacement of up to 0.89 % above" in samples.notes[0]
+
+
+def test_columns_of_a_unit_bench_that_are_not_used_are_named(tmp_path):
+    path = tmp_path / "p.csv"
+    unit_bench(path, 56.0)
+    head, *rows = path.read_text().splitlines()
+    lines = [f"{head},remark,vibration_mm_s", *(f"{row},warm,0.4" for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    samples = hmcvt_tools.read_unit(path, kind="pump", displacement="56 cm3")
+    assert "columns not used: remark, vibration_mm_s" in samples.notes
 
 
 def test_a_displacement_far_above_the_plate(tmp_path):

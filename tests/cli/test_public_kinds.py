@@ -638,7 +638,7 @@ def test_an_engine_map_of_specific_fuel_with_units_as_suffixes(tmp_path):
         for n in (800.0, 1600.0, 2000.0)
         for torque in (0.0, 100.0, 200.0, 400.0)
     ]
-    path.write_text("rpm,torque_Nm,bsfc_g_per_kWh\n" + lines(rows))
+    path.write_text("speed,torque_Nm,bsfc_g_per_kWh\n" + lines(rows))
     with pytest.raises(core.InputError):
         load_engine(path)
     path.write_text("speed_rpm,torque_Nm,bsfc_g_per_kWh\n" + lines(rows))

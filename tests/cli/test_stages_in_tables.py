@@ -180,3 +180,22 @@ def test_the_shipped_table_is_identified_by_stage(hmcvt, tmp_path):
         assert text in drawn
     refused = hmcvt("diagnose", bench)
     assert_refused(refused, "stage 'F2' is not known", "--params takes a model")
+
+
+def test_stages_by_other_names_than_the_gears(hmcvt, tmp_path):
+    gears = tmp_path / "T.yaml"
+    pairs = ("--gear-pair", "a=0.9", "--gear-pair", "b=2.6", "--planetary-row", "k=2.5")
+    stages = []
+    for number in (1, 2, 3):
+        stages += [
+            "--stage",
+            f"G{number} row=k mechanical=a:ring pump=a motor=b:sun output=b:carrier",
+        ]
+    assert hmcvt("transmission", "new", gears, *pairs, *stages).code == 0
+    done = hmcvt(
+        *("import", TABLE, "--out", tmp_path / "bench.csv", "--yes"),
+        *("--transmission", gears),
+    )
+    assert done.code == 2
+    assert "the stages are F1, F2, F3, those of" in done.err
+    assert "T.yaml G1, G2, G3: name them alike in both files" in done.err

@@ -148,6 +148,14 @@ def test_a_dbc_of_another_machine_is_refused(tmp_path, messages, command):
     assert "is it that of this machine?" in done.err
 
 
+def test_a_bus_of_which_no_message_is_known(tmp_path):
+    path = tmp_path / "car.log"
+    path.write_text("(0.000000) can0 123#0102030405060708\n" * 20)
+    done = run("import", path, "--out", tmp_path / "o.csv")
+    assert done.code == 2
+    assert "add the signals of the bus by --dbc FILE" in done.err
+
+
 def test_a_dbc_without_the_signal(tmp_path):
     time, columns = recordings.recorded()
     recordings.write_can(tmp_path / "bench.log", time, columns)

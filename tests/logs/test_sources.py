@@ -1,6 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Time, unit, group, run and bus of the channels of a log."""
 
+from datetime import datetime, timedelta
+from itertools import zip_longest
+
 import numpy as np
 import pytest
 from cli.running import run
@@ -382,26 +385,42 @@ def test_a_set_point_says_nothing_of_the_time_before_it(tmp_path, long_tests):
     np.testing.assert_allclose(samples.displacement_ratio, [-0.6, 0.8, 0.5], atol=1e-9)
 
 
-def two_clocks(path, long_tests, clocks, order=("PumpStroke", "Engine", "Output")):
-    """Write a table whose output task began 9 s after the input task, each with its clock."""
+def two_clocks(
+    path,
+    long_tests,
+    clocks,
+    order=("PumpStroke", "Engine", "Output"),
+    every=1,
+    written="{:.1f}".format,
+):
+    """Write a table whose output task began 9 s after the input task, each with its clock.
+
+    Args:
+        path: of the table.
+        long_tests: times and columns.
+        clocks: names of the clocks by task.
+        order: of the tasks.
+        every: how many times slower the output task reads.
+        written: a time as text.
+    """
     time, columns = long_tests
     late = 90
     rows = len(time) - late
+    of_input = slice(0, rows)
+    of_output = slice(late, late + rows, every)
     header = []
     cells = []
     for task in order:
+        part = of_output if task == "Output" else of_input
         if task in clocks:
-            first = late if task == "Output" else 0
             header.append(clocks[task])
-            cells.append([f"{now:.1f}" for now in time[first : first + rows]])
+            cells.append([written(now) for now in time[part]])
         for name, values in columns.items():
             if name.startswith(task):
-                first = late if task == "Output" else 0
                 header.append(f"{name} [{UNITS[name]}]")
-                part = values[first : first + rows]
-                cells.append([f"{value:.6g}" for value in part])
+                cells.append([f"{value:.6g}" for value in values[part]])
     lines = [";".join(header)]
-    lines += [";".join(row) for row in zip(*cells, strict=True)]
+    lines += [";".join(row) for row in zip_longest(*cells, fillvalue="")]
     path.write_text("\n".join(lines) + "\n")
 
 
@@ -419,6 +438,72 @@ def test_tasks_of_a_table_with_a_clock_each(tmp_path, long_tests, clocks):
     done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
     assert "clocks differ" in done.out, done.err
     require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
+@pytest.mark.parametrize("every", [3, 5])
+def test_a_task_that_reads_slower_has_fewer_rows(tmp_path, long_tests, every):
+    path = tmp_path / "clocks.csv"
+    clocks = {"PumpStroke": "t_stroke [s]", "Engine": "t_in [s]", "Output": "t_out [s]"}
+    two_clocks(path, long_tests, clocks, every=every)
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert "clocks differ" in done.out, done.err
+    require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
+def test_clocks_that_are_dates(tmp_path, long_tests):
+    path = tmp_path / "clocks.csv"
+    clocks = {"PumpStroke": "timestamp_in", "Output": "timestamp_out"}
+
+    def date(now):
+        return (datetime(2026, 11, 28, 9) + timedelta(seconds=now)).isoformat(
+            timespec="milliseconds"
+        )
+
+    two_clocks(path, long_tests, clocks, every=3, written=date)
+    done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
+    assert "clocks differ" in done.out, done.err
+    require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
+def test_dates_in_whole_seconds_go_on_as_the_seconds_of_the_recording(
+    tmp_path, long_tests
+):
+    path = tmp_path / "clocks.csv"
+    time, columns = long_tests
+    names = list(columns)
+    head = ["time [s]", *(f"{name} [{UNITS[name]}]" for name in names)]
+    head.insert(3, "timestamp")
+    lines = [";".join(head)]
+    for row, now in enumerate(time):
+        cells = [f"{now:.1f}", *(f"{columns[name][row]:.6g}" for name in names)]
+        cells.insert(3, f"2026-11-28T09:{int(now) // 60:02d}:{int(now) % 60:02d}")
+        lines.append(";".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    options = ("--stamp", "time [s]:s", "--yes")
+    done = run("import", path, *options, "--out", tmp_path / "o.csv")
+    assert done.code == 0, done.err
+    require_long_tests(hmcvt.read_bench(tmp_path / "o.csv"))
+
+
+def test_a_clock_of_dates_and_one_of_seconds_that_differ_are_asked(
+    tmp_path, long_tests
+):
+    path = tmp_path / "clocks.csv"
+    clocks = {"PumpStroke": "time [s]", "Output": "timestamp_out"}
+    kept = []
+
+    def mixed(now):
+        kept.append(now)
+        if len(kept) <= len(long_tests[0]) - 90:
+            return f"{now:.1f}"
+        return (datetime(2026, 11, 28, 9) + timedelta(seconds=2.0 * now)).isoformat(
+            timespec="milliseconds"
+        )
+
+    two_clocks(path, long_tests, clocks, written=mixed)
+    done = run("import", path, "--stamp", "time [s]", "--out", tmp_path / "o.csv")
+    assert done.code == 2
+    assert "keep one of them" in done.err
 
 
 def test_clocks_of_a_table_that_belong_to_no_column_in_front(tmp_path, long_tests):

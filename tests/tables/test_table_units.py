@@ -6,7 +6,8 @@ import re
 import pint
 import pytest
 
-from hmcvt_tools.tables.units import KIND_UNITS, UNITS, kind_of, to_si
+from hmcvt_core.transmission.units import KIND_UNITS, UNITS, kind_of
+from hmcvt_tools.tables.units import to_si
 
 REGISTRY = pint.UnitRegistry()
 BASES = {
@@ -21,6 +22,8 @@ BASES = {
     "displacement": "m**3/rad",
     "velocity": "m/s",
     "force": "N",
+    "mass_flow": "kg/s",
+    "specific_fuel": "kg/J",
 }
 WRITTEN = {
     "-": "dimensionless",
@@ -47,6 +50,11 @@ WRITTEN = {
     "m3/r": "m**3/turn",
     "cm3": "cm**3/turn",
     "in3": "inch**3/turn",
+    "lb/h": "pound/hour",
+    "g/h": "gram/hour",
+    "kg/h": "kilogram/hour",
+    "g/kWh": "gram/(kilowatt*hour)",
+    "kg/kWh": "kilogram/(kilowatt*hour)",
 }
 """Units that pint writes in another way, or that stand for a rate of turns."""
 UNKNOWN_TO_PINT = {"1/min", "min-1", "U/min"}
