@@ -182,21 +182,30 @@ def _inverse_line(
     known = np.isfinite(stroke) & np.isfinite(ratio)
     stroke = stroke[known]
     ratio = ratio[known]
-    if len(stroke) < _FEWEST_OF_LINE or np.ptp(stroke) < _MIN_STROKES:
-        return []
-    forward = _distance_from_line(stroke, ratio)
-    inverse = _distance_from_line(stroke, 1.0 / ratio)
-    if forward < _MIN_CURVATURE or inverse > _BETTER * forward:
+    if len(stroke) < 2 or np.ptp(stroke) < _MIN_STROKES:
         return []
     engine = columns["engine_speed"]
     output = columns["output_speed"]
     first = option("engine_speed", engine.name, engine.unit)
     second = option("output_speed", output.name, output.unit)
+    remedy = f"add {first} {second} if they are right"
+    if len(stroke) < _FEWEST_OF_LINE:
+        slope, _ = np.polyfit(stroke, ratio, 1)
+        if stage or slope >= 0.0:
+            return []
+        return [
+            f"output speed / engine speed falls as the stroke rises, and {len(stroke)} tests do "
+            f"not show whether the two speeds are exchanged; {remedy}"
+        ]
+    forward = _distance_from_line(stroke, ratio)
+    inverse = _distance_from_line(stroke, 1.0 / ratio)
+    if forward < _MIN_CURVATURE or inverse > _BETTER * forward:
+        return []
     of_stage = f" of stage {stage}" if stage else ""
     return [
         f"engine speed / output speed{of_stage} is a line over the stroke and output speed / "
         "engine speed is none: the two speeds are exchanged, or the stage is output-coupled; "
-        f"add {first} {second} if they are right"
+        f"{remedy}"
     ]
 
 
