@@ -116,14 +116,6 @@ class Analysis:
         return mean, np.sqrt(variance)
 
     @cached_property
-    def errors_of_sessions(self) -> Array:
-        """What meters change of the first channel, with no mean over the sessions, shape (n,)."""
-        observed = self.base.observed.with_session_means_held()
-        mean, _ = self.shared_errors
-        change = observed.shared_columns[0] @ mean
-        return np.asarray(change * observed.deviation[0])
-
-    @cached_property
     def noise(self) -> Array:
         """Standard deviation of the first channel, (n,); without a gap that of the base model."""
         model = self.posterior.base_only.plain_model

@@ -156,21 +156,6 @@ class Observations:
             return np.zeros((*self.measured.shape, 0))
         return np.asarray(self.shared_errors / self.deviation[..., None])
 
-    def with_session_means_held(self) -> Observations:
-        """Return the same readings with errors of meters whose mean over the sessions is zero.
-
-        Readings cannot tell an error that all sessions have alike, or the only one has, from a form
-        error of the model, and form errors are the larger ones.
-        """
-        of_sessions = [error.name for error in self.shared_names if error.session]
-        if self.shared_errors is None or not of_sessions:
-            return self
-        columns = self.shared_errors.copy()
-        for name in dict.fromkeys(of_sessions):
-            alike = [i for i, item in enumerate(self.shared_names) if item.name == name]
-            columns[..., alike] -= columns[..., alike].mean(axis=-1, keepdims=True)
-        return replace(self, shared_errors=columns)
-
     @property
     def stated_noise(self) -> float:
         """Root mean square of the noise stated or assumed for the first channel."""

@@ -18,9 +18,6 @@ from hmcvt_core.benches.transmission.meters import (
 from hmcvt_core.diagnosis.observations import SESSION
 from hmcvt_core.transmission.quantities import BY_NAME
 from hmcvt_core.transmission.ranges import OperatingPoints
-from studies.blind.bench.campaign import fresh_state
-from studies.blind.bench.judge import Case, draw, predicted, served, true_efficiency
-from studies.blind.bench.properties import Bench
 
 from .campaigns import BASE, NOISE, campaign, with_column
 
@@ -172,36 +169,3 @@ def test_a_stroke_that_is_read_wrong_within_its_class_is_no_gap(seed):
     for zero, true in zip(zeros, (0.004, -0.003), strict=True):
         assert abs(zero.value - true) < 3.0 * zero.standard_deviation
         assert zero.standard_deviation < 0.6 * zero.expected
-
-
-def test_errors_of_meters_have_no_mean_over_the_sessions_where_it_is_held():
-    names = np.repeat(["S1", "S2", "S3"], len(QUIET) // 3)
-    observed = _observed(_in_sessions(QUIET, names))
-    held = observed.with_session_means_held()
-    for name in {error.name for error in observed.shared_names if error.session}:
-        alike = [error.name == name for error in observed.shared_names]
-        assert sum(alike) == 3
-        changes = held.shared_errors[..., alike]
-        np.testing.assert_allclose(changes.sum(axis=-1), 0.0, atol=1e-12)
-    of_all = [not error.session for error in observed.shared_names]
-    np.testing.assert_array_equal(
-        held.shared_errors[..., of_all], observed.shared_errors[..., of_all]
-    )
-    one_session = _observed(QUIET)
-    of_session = [bool(error.session) for error in one_session.shared_names]
-    held = one_session.with_session_means_held()
-    assert not held.shared_errors[..., of_session].any()
-    none = replace(one_session, shared_errors=None, shared_names=())
-    assert none.with_session_means_held() is none
-
-
-def test_the_saved_model_takes_no_form_error_for_a_common_zero_of_the_meters():
-    """Three sessions; the compressibility has another form than the library's."""
-    bench, _ = draw(Case("single", 99830005, Bench()))
-    found = diagnose(*served(bench))
-    assert found.delivered.kind == "leading set"
-    programme, settings, state = fresh_state(bench, 100)
-    truth, points = true_efficiency(bench, settings, state)
-    names = [bench.layout.trains[number].name for number in programme.stage]
-    error = truth - predicted(found.model, points, names)
-    assert abs(np.nanmean(error)) < 0.0005, "0.002 with the zeros of single sessions"

@@ -246,23 +246,20 @@ class _Campaign:
     @cached_property
     def base(self) -> Array:
         """Errors of the base model at samples left out [-], shape (assignments, n)."""
-        base = self.posterior.base_only
-        return self._errors(base) + self._left_by_served(base)
+        return self._errors(self.posterior.base_only)
 
     @cached_property
     def leading(self) -> Array:
         """Errors with the leading set, as `base`."""
-        leading = self.diagnosis.leading
-        assert leading is not None
-        return self._errors(leading) + self._left_by_served(leading)
+        assert self.diagnosis.leading is not None
+        return self._errors(self.diagnosis.leading)
 
     @cached_property
     def average(self) -> Array:
         """Errors of the average over the explanations with the Gaussian process, as `base`."""
         average = np.zeros((len(self.assignments), len(self.observed)))
         for explanation, probability in self.posterior.entries:
-            in_common = explanation.errors_in_common * self.observed.deviation[0]
-            average += probability * (self._errors(explanation) + in_common)
+            average += probability * self._errors(explanation)
         rows = []
         for errors, folds in zip(average, self.assignments, strict=True):
             corrected = errors.copy()
@@ -275,38 +272,32 @@ class _Campaign:
         return np.stack(rows)
 
     def _errors(self, explanation: Explanation) -> Array:
-        """Return errors of the efficiency at samples left out, shape (assignments, n).
-
-        What an explanation takes for errors of meters and the average does not counts: the base
-        model alone takes a part of the gap for the zero of a meter.
-
-        Args:
-            explanation: that is refitted without these samples.
-        """
+        """Return errors of the efficiency at samples left out, shape (assignments, n)."""
         rows = []
         for folds in self.assignments:
             rows.append(
                 cross_validated_errors(explanation.plain_model, self.observed, [folds])
             )
-        change = explanation.errors_of_sessions - self._meter_errors
-        return np.stack(rows) + change * self.observed.deviation[0]
+        return np.stack(rows) + self._taken_by_meters(explanation)
 
-    def _left_by_served(self, explanation: Explanation) -> Array:
-        """Return `left_by_served` in the unit of the efficiency, shape (n,)."""
-        return explanation.left_by_served * self.observed.deviation[0]
+    def _taken_by_meters(self, explanation: Explanation) -> Array:
+        """Return what an explanation takes for errors of meters and the average does not [-], (n,).
+
+        The base model alone takes a part of the gap for the zero of a meter.
+        """
+        shared = explanation.fit.hypothesis.shared
+        excess = explanation.plain_model.mean[shared] - self._meter_errors
+        change = self.observed.shared_columns[0] @ excess
+        return np.asarray(change * self.observed.deviation[0])
 
     @cached_property
     def _meter_errors(self) -> Array:
-        """What meters change, averaged over the explanations, in deviations of readings, (n,).
-
-        It has no mean over the sessions: see `Observations.with_session_means_held`.
-        """
-        mean = np.zeros(self.observed.shared_count)
+        """Errors of meters, averaged over the explanations, in prior deviations, shape (m,)."""
+        errors = np.zeros(self.observed.shared_count)
         for explanation, probability in self.posterior.entries:
             shared = explanation.fit.hypothesis.shared
-            mean += probability * explanation.model.mean[shared]
-        held = self.observed.with_session_means_held()
-        return np.asarray(held.shared_columns[0] @ mean)
+            errors += probability * explanation.model.mean[shared]
+        return errors
 
     def gains(self, before: Array, after: Array, margin: Margin) -> bool:
         """Return whether errors are lower by a margin.
@@ -360,10 +351,10 @@ class _Campaign:
         """What the average over the explanations leaves of the efficiency [-], shape (n,)."""
         left = np.zeros(len(self.observed))
         for explanation, probability in self.posterior.entries:
-            meters = explanation.errors_of_sessions + explanation.errors_in_common
-            residual = explanation.plain_model.residual()[0] + meters
-            residual = (residual - self._meter_errors) * self.observed.deviation[0]
-            left += probability * residual
+            residual = (
+                explanation.plain_model.residual()[0] * self.observed.deviation[0]
+            )
+            left += probability * (residual + self._taken_by_meters(explanation))
         return left
 
     @cached_property

@@ -169,24 +169,21 @@ class Fit:
 
         The likeliest refit may give up a served channel to fit an auxiliary one to the last digit.
         Auxiliary channels therefore get a larger variance here, which absorbs the misfit of forms.
-        The errors of meters have no mean over the sessions, so that they absorb none of it either.
 
         Args:
             noise: variance of each channel without the misfit of forms, shape (channels,).
         """
-        observed = self.observed.with_session_means_held()
-        is_unchanged = observed is self.observed
-        served = [channel.served for channel in observed.channels]
-        if all(served) and is_unchanged:
+        served = [channel.served for channel in self.observed.channels]
+        if all(served):
             return self
         auxiliary = np.maximum(self.noise, AUXILIARY_VARIANCE_RATIO * noise)
         weights = np.where(served, noise, auxiliary)
         return refit(
             self.hypothesis,
-            observed,
+            self.observed,
             self.theta,
-            self.jacobian if is_unchanged else None,
-            whitened=self.whitened if is_unchanged else None,
+            self.jacobian,
+            whitened=self.whitened,
             noise=weights,
             negligible=CONVERGED_STEP,
         )

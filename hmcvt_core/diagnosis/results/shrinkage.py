@@ -91,10 +91,9 @@ class CrossValidation:
             left_out = cross_validated_errors(
                 explanation.plain_model, observed, self._assignments
             )
-            left_out = left_out + self._taken_by_meters(explanation)
             served = explanation.served_fit.whitened[0] * observed.deviation[0]
             larger = served if rms(served) > rms(left_out) else left_out
-            self._errors[explanation] = larger
+            self._errors[explanation] = larger + self._taken_by_meters(explanation)
         return self._errors[explanation]
 
     def _taken_by_meters(self, explanation: Explanation) -> Array:
@@ -102,9 +101,11 @@ class CrossValidation:
 
         The base model alone takes a part of the gap for the zero of a meter.
         """
-        change = explanation.errors_of_sessions + explanation.left_by_served
-        change = change * self.analysis.base.observed.deviation[0]
-        return np.asarray(change - self.analysis.errors_of_sessions)
+        fit = explanation.fit
+        of_all, _ = self.analysis.shared_errors
+        alone = explanation.plain_model.mean[fit.hypothesis.shared]
+        change = fit.observed.shared_columns[0] @ (alone - of_all)
+        return np.asarray(change * fit.observed.deviation[0])
 
     def shrinkage(self, explanation: Explanation) -> ShrinkageSummary:
         """Return how far the gap shrinks with an explanation held in every fold."""
@@ -206,15 +207,12 @@ class CrossValidation:
         # changes no draw of another.
         normal = rng.standard_normal((DRAWS, most))
         draws = np.empty((DRAWS, len(observed)))
-        explanations = self.analysis.posterior.relevant.entries
         for i in np.unique(drawn):
             prediction, _ = entries[i]
-            explanation, _ = explanations[i]
             rows = np.flatnonzero(drawn == i)
             root = _root(prediction.covariance)
             change = normal[rows, : root.shape[1]] @ root.T
-            mean = prediction.mean[0] + explanation.errors_in_common
-            draws[rows] = mean + change @ prediction.columns[0].T
+            draws[rows] = prediction.mean[0] + change @ prediction.columns[0].T
         # Predicted minus measured, and measured minus base.
         base = _errors_at(observed, self.analysis.base)
         return np.asarray(draws * observed.deviation[0] + base)

@@ -108,39 +108,6 @@ class Explanation:
         """The refit whose model is served."""
         return self.fit.served_fit(self.model.noise)
 
-    @cached_property
-    def errors_of_sessions(self) -> Array:
-        """What `plain_model` takes for errors of meters, with no mean over the sessions, (n,).
-
-        Of the first channel, in deviations: see `Observations.with_session_means_held`.
-        """
-        held = self.fit.observed.with_session_means_held()
-        return np.asarray(held.shared_columns[0] @ self._shared_errors)
-
-    @cached_property
-    def left_by_served(self) -> Array:
-        """What the model handed over leaves of the readings beyond `plain_model`, shape (n,).
-
-        Of the first channel, in deviations: what all sessions have alike counts as error of a meter
-        in the one, and not in the other.
-        """
-        observed = self.fit.observed
-        if observed.with_session_means_held() is observed:
-            return np.zeros(len(observed))
-        if self.names:
-            return np.asarray(self.served_fit.whitened[0] - self.fit.whitened[0])
-        return self.errors_in_common
-
-    @cached_property
-    def errors_in_common(self) -> Array:
-        """What `plain_model` takes for errors of meters beyond `errors_of_sessions`, shape (n,)."""
-        of_meters = self.fit.observed.shared_columns[0] @ self._shared_errors
-        return np.asarray(of_meters - self.errors_of_sessions)
-
-    @property
-    def _shared_errors(self) -> Array:
-        return self.plain_model.mean[self.fit.hypothesis.shared]
-
     @property
     def is_listed_set(self) -> bool:
         """Whether it is listed effects with the signs they have, and no discrepancy."""
