@@ -42,6 +42,16 @@ def test_sound_against_sound_is_no_change(sound):
     assert answer.verdict == "no_gap" and not answer.baseline.control.alarms
 
 
+def test_sessions_share_errors_of_meters_and_of_the_baseline():
+    """The errors of the sound prediction join those of the meters, without names."""
+    days = {"session": tuple(np.repeat(["one", "two", "three"], 16))}
+    before = replace(bench(seed=1000, n=48), extra=days)
+    days = {"session": tuple(np.repeat(["four", "five"], 12))}
+    later = replace(bench(seed=1), extra=days)
+    answer = hmcvt.diagnose(SERVED, later, baseline=before, noise=NOISE)
+    assert answer.verdict == "no_gap"
+
+
 def test_leakage_grown_by_half_is_named(worn):
     assert worn.verdict in ("cause_found", "ambiguous")
     assert worn.component == "pump"

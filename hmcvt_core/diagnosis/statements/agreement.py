@@ -215,17 +215,19 @@ def _meters(
     """Return the errors that readings share, all together and each one over the sessions.
 
     Args:
-        observed: the readings.
+        observed: the readings; those compared with a baseline share its errors too, without names.
         rows: of the priors of these errors, shape (m,).
     """
     if not observed.shared_count:
         return []
     parts = [(METERS, rows)]
-    of_sessions = [item for item in observed.shared_names if item.session]
-    for name in dict.fromkeys(item.name for item in of_sessions):
-        is_alike = [item.name == name for item in observed.shared_names]
-        if sum(is_alike) > 1:
-            parts.append((f"the {name}", rows[is_alike]))
+    of_sessions: dict[str, list[int]] = {}
+    for i, item in enumerate(observed.shared_names):
+        if item.session:
+            of_sessions.setdefault(item.name, []).append(i)
+    for name, numbers in of_sessions.items():
+        if len(numbers) > 1:
+            parts.append((f"the {name}", rows[numbers]))
     return parts
 
 
