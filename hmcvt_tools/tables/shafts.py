@@ -18,6 +18,8 @@ from .proposal import Column, option
 _FEWEST_TESTS = 5
 _FEWEST_OF_LINE = 4
 """Tests from which a line over the stroke can be told from its inverse."""
+_FEWEST_OF_SLOPE = 3
+"""Tests whose speed ratio may fall as the stroke rises because speeds are exchanged."""
 FALLS = ", so it falls as the stroke rises"
 DOUBT = ": check the sign of the stroke, and which speed is that of the engine"
 """Note on a speed ratio that falls, and what may be wrong then."""
@@ -182,7 +184,7 @@ def _inverse_line(
     known = np.isfinite(stroke) & np.isfinite(ratio)
     stroke = stroke[known]
     ratio = ratio[known]
-    if len(stroke) < 2 or np.ptp(stroke) < _MIN_STROKES:
+    if len(stroke) < _FEWEST_OF_SLOPE or np.ptp(stroke) < _MIN_STROKES:
         return []
     engine = columns["engine_speed"]
     output = columns["output_speed"]
