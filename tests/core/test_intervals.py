@@ -302,6 +302,10 @@ def test_file_keeps_the_intervals(four, tmp_path):
     (tmp_path / "m.yaml").write_text("\n".join(damaged))
     with pytest.raises(InputError, match=r"interval_90\.pump_damping = \[0\.1\]"):
         load_model(tmp_path / "m.yaml")
+    exchanged = [line.replace("[0.1]", "[0.2, 0.1]") for line in damaged]
+    (tmp_path / "m.yaml").write_text("\n".join(exchanged))
+    with pytest.raises(InputError, match=r"pump_damping = .*: low is above high"):
+        load_model(tmp_path / "m.yaml")
 
 
 def test_changed_parameters_have_the_intervals_of_their_errors(four):
