@@ -98,6 +98,12 @@ class BenchSamples(_Columns):
             object.__setattr__(self, column.name, array)
         if len(self) == 0:
             raise InputError(f"{self.source}: holds no samples")
+        for name, texts in self.extra.items():
+            if len(texts) != len(self):
+                raise InputError(
+                    f"{self.source}: column {name} has {len(texts)} texts, "
+                    f"displacement_ratio has {len(self)} values"
+                )
 
     def __len__(self) -> int:
         return len(self.displacement_ratio)

@@ -25,12 +25,12 @@ def half_width(degrees_of_freedom: float | None, level: float = LEVEL) -> float:
         level: probability that the interval holds the truth, above 0 and below 1.
 
     Raises:
-        InputError: the level is not between 0 and 1.
+        InputError: the level is not one number between 0 and 1.
     """
-    fraction = float(_LEVEL_RANGE.check(level))
-    if not 0.0 < fraction < 1.0:
+    fraction = _LEVEL_RANGE.check(level)
+    if fraction.ndim or not 0.0 < fraction < 1.0:
         raise InputError(f"level = {level!r}: needs a fraction above 0 and below 1")
-    return _quantile(degrees_of_freedom, 0.5 + 0.5 * fraction)
+    return _quantile(degrees_of_freedom, 0.5 + 0.5 * float(fraction))
 
 
 @lru_cache(maxsize=64)

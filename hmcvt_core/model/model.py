@@ -994,7 +994,10 @@ def _few_numbers(value: Any) -> tuple[Iterable[float], tuple[int, ...]] | None:
         return value, (len(value),)
     if kind not in _COLUMNS:
         return None
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # lists that do not form an array
+        return None
     if array.dtype.kind not in "fiu" or array.size > _FEW:
         return None
     if array.ndim == 0:

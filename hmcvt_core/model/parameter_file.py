@@ -244,7 +244,13 @@ def _domain(entry: Section) -> Domain:
 
 
 def _intervals(entry: Section) -> dict[str, tuple[float, float]]:
-    return {name: _pair(entry, name) for name in PARAMETER_NAMES}
+    intervals = {name: _pair(entry, name) for name in PARAMETER_NAMES}
+    for name, (low, high) in intervals.items():
+        if low > high:
+            raise InputError(
+                f"{entry.where}{name} = [{low!r}, {high!r}]: low is above high"
+            )
+    return intervals
 
 
 def _pair(entry: Section, key: str) -> tuple[float, float]:

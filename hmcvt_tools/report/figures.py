@@ -124,14 +124,15 @@ def test_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
 
 
 def look_rows(diagnosis: Diagnosis) -> list[tuple[Any, ...]]:
-    """Return rows of the readings that scatter more than was stated for them."""
+    """Return rows of the readings and meter errors beyond what was stated for them."""
     rows = []
     for look in diagnosis.agreement.looks:
+        # The rows of a meter error are sessions, and no reading.
         rows.append(
             (
-                words.plain(look.channel),
+                "meters" if look.of_meters else words.plain(look.channel),
                 look.part or "all samples",
-                look.samples,
+                words.NOTHING if look.of_meters else look.samples,
                 words.number(look.ratio),
                 words.chance(look.p_value),
             )

@@ -2,6 +2,7 @@
 """Bench samples: the paper's table, CSV round trips, and every bad input by file, row and field."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -260,3 +261,9 @@ def test_select_takes_indices_and_masks(table2):
     assert masked.extra == {"test": ("6", "7", "8")}
     with pytest.raises(hmcvt.InputError, match="holds no samples"):
         table2.select(np.zeros(8, dtype=bool))
+
+
+def test_texts_of_another_length_are_refused(table2):
+    message = "column session has 2 texts, displacement_ratio has 8 values"
+    with pytest.raises(hmcvt.InputError, match=message):
+        replace(table2, extra={"session": ("a", "b")})

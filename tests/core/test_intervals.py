@@ -302,6 +302,10 @@ def test_file_keeps_the_intervals(four, tmp_path):
     (tmp_path / "m.yaml").write_text("\n".join(damaged))
     with pytest.raises(InputError, match=r"interval_90\.pump_damping = \[0\.1\]"):
         load_model(tmp_path / "m.yaml")
+    exchanged = [line.replace("[0.1]", "[0.2, 0.1]") for line in damaged]
+    (tmp_path / "m.yaml").write_text("\n".join(exchanged))
+    with pytest.raises(InputError, match=r"pump_damping = .*: low is above high"):
+        load_model(tmp_path / "m.yaml")
 
 
 def test_changed_parameters_have_the_intervals_of_their_errors(four):
@@ -320,3 +324,10 @@ def test_readings_are_as_uncertain_as_the_fit_scatters(unstated):
         result = hmcvt.identify(samples)
         scatter = np.sqrt(np.sum(result.residuals**2) / 5.0)
         assert result.model.misfit >= (1.0 - 1e-9) * scatter
+
+
+def test_a_ragged_list_and_several_levels_are_refused(model):
+    with pytest.raises(InputError, match=r"displacement_ratio = .* is not a number"):
+        model.efficiency([[1.0], [0.5, 0.2]], 150.0, 200.0)
+    with pytest.raises(InputError, match=r"level = .*needs a fraction"):
+        model.parameter_intervals([0.9, 0.8])

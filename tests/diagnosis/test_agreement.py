@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Readings against their stated noise, and what varied that was not recorded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,30 @@ def test_a_meter_whose_zero_leaves_its_class_is_no_agreement(seed):
     parts = [look.part for look in found.agreement.looks]
     assert "the zero of the engine meter" in parts
     assert "check that meter" in found.report().split("\n\n")[0].replace("\n", " ")
+
+
+def test_a_ratio_of_meters_is_not_said_of_the_noise():
+    """The zero changes within 12 sessions as named here, so that readings scatter as well."""
+    samples, _, _ = measured(Case("torque meter", "session", False, 700005))
+    n = len(samples)
+    sessions = tuple(f"day {number}" for number in 12 * np.arange(n) // n)
+    found = hmcvt.diagnose(BASE, replace(samples, extra={"session": sessions}))
+    agreement = found.agreement
+    assert not agreement.of_meters_alone
+    assert max(look.ratio for look in agreement.looks) > 5.0
+    of_readings = max(look.ratio for look in agreement.readings)
+    assert agreement.ratio == of_readings < 5.0
+    report = found.report().replace("\n", " ")
+    assert f"the noise is stated {of_readings:.2g} times too small" in report
+    assert "errors of meters are larger than their class allows" in report
+
+
+def test_half_the_drift_has_no_article():
+    samples, _, _ = measured(Case("torque meter", "session", False, 700005))
+    sessions = tuple("" if i % 3 else "a" for i in range(len(samples)))
+    found = hmcvt.diagnose(BASE, replace(samples, extra={"session": sessions}))
+    parts = [look.part for look in found.agreement.looks]
+    assert "half the drift of the engine meter" in parts
 
 
 def test_a_quantity_anew_in_each_test_varies_over_no_minutes():

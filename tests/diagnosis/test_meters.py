@@ -40,6 +40,7 @@ def test_sessions_by_name_by_pause_or_one():
     halves = np.repeat([0, 1], [n // 2, n - n // 2])
     assert sessions_of(QUIET).count == 1
     assert not sessions_of(QUIET).phase.any()
+    assert sessions_of(_in_sessions(QUIET, [None] * n)).count == 1
     named = sessions_of(_in_sessions(QUIET, np.array(["B", "C"])[halves]))
     assert named.index.tolist() == halves.tolist()
     # A night between samples that follow each other by two minutes.

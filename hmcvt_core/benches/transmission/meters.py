@@ -114,9 +114,10 @@ def sessions_of(samples: BenchSamples) -> Sessions:
     stamp = samples.stamp
     names: tuple[str, ...] = ()
     if labels is not None:
-        distinct, index = np.unique(np.array(labels), return_inverse=True)
+        texts = ["" if label is None else str(label) for label in labels]
+        distinct, index = np.unique(texts, return_inverse=True)
         index = index.ravel()
-        names = tuple(str(label) for label in distinct)
+        names = tuple(distinct.tolist())
     elif stamp is not None:
         index = _by_pauses(stamp)
     else:

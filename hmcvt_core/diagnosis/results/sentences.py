@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from ..design.advice import named
 from ..design.classes import with_probabilities
 from ..settings import CAUSE_FOUND_PROBABILITY
+from ..statements.agreement import METERS, Look
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
@@ -85,19 +86,23 @@ def _no_gap_headline(outcome: Outcome) -> str:
 
 def _scatter_headline(outcome: Outcome) -> str:
     agreement = outcome.agreement
-    ratio = f"up to {agreement.ratio:.1f} times their stated noise"
-    sensor = "what was not recorded"
+    sensor = "what may have varied"
     if outcome.scatter is not None and outcome.scatter.sensor:
         sensor = outcome.scatter.sensor
-    if agreement.of_meters_alone:
-        look = max(agreement.looks, key=lambda look: look.ratio)
-        changed = (
-            f"{look.part} changed {look.ratio:.1f} times as much as its class allows"
-        )
+    if not agreement.of_meters_alone:
+        ratio = f"up to {agreement.ratio:.1f} times their stated noise"
         return (
-            f"{changed[0].upper()}{changed[1:]}: check that meter, or record {sensor}."
+            f"The readings scatter {ratio}: check that statement, or record {sensor}."
         )
-    return f"The readings scatter {ratio}: check that statement, or record {sensor}."
+    of_one_error = [look for look in agreement.looks if look.part != METERS]
+    if not of_one_error:
+        return (
+            f"The errors of the meters are {agreement.ratio:.1f} times as large as their class "
+            f"allows: check the meters, or record {sensor}."
+        )
+    look = max(of_one_error, key=lambda look: look.ratio)
+    changed = f"{look.part} changed {look.ratio:.1f} times as much as its class allows"
+    return f"{changed[0].upper()}{changed[1:]}: check that meter, or record {sensor}."
 
 
 def _at_largest_gap(outcome: Outcome) -> str:
@@ -183,27 +188,39 @@ def _no_gap(outcome: Outcome) -> str:
 
 def _excess_scatter(outcome: Outcome) -> str:
     agreement = outcome.agreement
+    meters = [look for look in agreement.looks if look.of_meters]
     if agreement.of_meters_alone:
-        looks = [f"{look.part} ({look.ratio:.2g} times)" for look in agreement.looks]
+        of_meters = listed(list(map(_times, meters)), "and")
         sentence = (
-            "Bench and model agree, but only if errors of meters changed from session to session "
-            f"by more than their class allows: {listed(looks, 'and')}"
+            "Bench and model agree, but only if errors of meters are larger than their class "
+            f"allows: {of_meters}"
         )
-        scatter = outcome.scatter
-        return f"{sentence}." if scatter is None else f"{sentence}. {scatter.sentence}"
-    sentence = (
-        f"Along the axes that were recorded nothing explains the readings, but they scatter "
-        f"up to {agreement.ratio:.2g} times as much as the noise that was stated "
-        f"({outcome.gap.noise_source})"
-    )
-    of_parts = [look for look in agreement.looks if look.part]
-    of_parts.sort(key=lambda look: -round(look.ratio, 1))
-    parts = [f"{look.part} ({look.ratio:.2g} times)" for look in of_parts[:2]]
-    if parts:
-        sentence += f", most clearly in {listed(parts, 'and')}"
+    else:
+        sentence = (
+            f"Along the axes that were recorded nothing explains the readings, but they scatter "
+            f"up to {agreement.ratio:.2g} times as much as the noise that was stated "
+            f"({outcome.gap.noise_source})"
+        )
+        parts = [look for look in agreement.readings if look.part]
+        if parts:
+            sentence += f", most clearly in {_largest_two(parts)}"
+        if meters:
+            sentence += (
+                "; errors of meters are larger than their class allows, most clearly "
+                f"{_largest_two(meters)}"
+            )
     if outcome.scatter is None:
         return f"{sentence}."
     return f"{sentence}. {outcome.scatter.sentence}"
+
+
+def _largest_two(looks: Sequence[Look]) -> str:
+    descending = sorted(looks, key=lambda look: -round(look.ratio, 1))
+    return listed(list(map(_times, descending[:2])), "and")
+
+
+def _times(look: Look) -> str:
+    return f"{look.part} ({look.ratio:.2g} times)"
 
 
 def _difference(outcome: Outcome) -> str:

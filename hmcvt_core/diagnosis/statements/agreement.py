@@ -66,8 +66,9 @@ class Agreement:
     Attributes:
         stated: whether the noise was stated; nothing can disagree otherwise.
         holds: whether no look exceeds the statement.
-        ratio: root mean square of the residuals / stated noise, the largest of `looks`, or of all
-            samples where the statement holds; 1 where nothing was stated.
+        ratio: root mean square of the residuals / stated noise, the largest of the looks at
+            readings, of `looks` where all are of meters, or of all samples where the statement
+            holds; 1 where nothing was stated.
         looks: those that exceed the statement, all samples first, then their parts.
     """
 
@@ -77,9 +78,14 @@ class Agreement:
     looks: tuple[Look, ...] = ()
 
     @property
+    def readings(self) -> list[Look]:
+        """The looks that are not of the errors of meters."""
+        return [look for look in self.looks if not look.of_meters]
+
+    @property
     def of_meters_alone(self) -> bool:
         """Whether the readings agree, but only with meters outside their class."""
-        return not self.holds and all(look.of_meters for look in self.looks)
+        return not self.holds and not self.readings
 
 
 NOTHING_STATED = Agreement(stated=False, holds=True, ratio=1.0)
@@ -119,10 +125,12 @@ def agreement_of(fit: Fit) -> Agreement:
             )
         )
     exceeding = [look for look in looks if look.p_value <= AGREEMENT_LEVEL]
+    # A ratio of meters is one to their class, not to the noise of the readings.
+    compared = [look for look in exceeding if not look.of_meters] or exceeding
     return Agreement(
         stated=True,
         holds=not exceeding,
-        ratio=max((look.ratio for look in exceeding), default=looks[0].ratio),
+        ratio=max((look.ratio for look in compared), default=looks[0].ratio),
         looks=tuple(exceeding),
     )
 
@@ -227,7 +235,8 @@ def _meters(
             of_sessions.setdefault(item.name, []).append(i)
     for name, numbers in of_sessions.items():
         if len(numbers) > 1:
-            parts.append((f"the {name}", rows[numbers]))
+            article = "" if name.startswith("half ") else "the "
+            parts.append((f"{article}{name}", rows[numbers]))
     return parts
 
 
