@@ -245,7 +245,7 @@ class BenchPlayer(Node):
         """Call a service and return the future of its reply."""
         return self._triggers[service].call_async(Trigger.Request())
 
-    def call(self, service: str, timeout: float = 30.0) -> Reply:
+    def call(self, service: str, timeout: float = 120.0) -> Reply:
         """Call a service and wait for its reply.
 
         Raises:
