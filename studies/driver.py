@@ -41,7 +41,7 @@ UNDERSTATED = 1.5
 CLASS = 0.0015
 """Deviation of the zero of a torque meter of class 0.1 / largest torque of the campaign."""
 WITHIN_CLASS = 2.0
-"""Zeros of six sessions that change so many deviations hardly contradict the class."""
+"""Zeros of six sessions within so many deviations are counted apart: few looks can tell them."""
 RATIOS = (1.5, 6.0)
 
 
