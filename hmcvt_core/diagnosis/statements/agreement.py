@@ -229,9 +229,11 @@ def _meters(
     if not observed.shared_count:
         return []
     parts = [(METERS, rows)]
+    with_sessions = {item.name for item in observed.shared_names if item.session}
     of_sessions: dict[str, list[int]] = {}
     for i, item in enumerate(observed.shared_names):
-        if item.session:
+        # The name of one session may be empty.
+        if item.name in with_sessions:
             of_sessions.setdefault(item.name, []).append(i)
     for name, numbers in of_sessions.items():
         if len(numbers) > 1:
