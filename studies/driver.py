@@ -23,6 +23,7 @@ from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_core.physics.effects.sensor import EngineTorqueZero
 from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_tools.fleet.executors import Processes
+from studies.blind.bench.judge import CLASS_ZERO
 from studies.blind.effect import FloatArray
 from studies.page import table
 
@@ -38,8 +39,6 @@ COURSES = {
 }
 """Courses of time, and the time scales that are right for each."""
 UNDERSTATED = 1.5
-CLASS = 0.0015
-"""Deviation of the zero of a torque meter of class 0.1 / largest torque of the campaign."""
 WITHIN_CLASS = 2.0
 """Zeros of six sessions within so many deviations are counted apart: few looks can tell them."""
 RATIOS = (1.5, 6.0)
@@ -147,7 +146,7 @@ def measured(case: Case) -> tuple[hmcvt.BenchSamples, float, float]:
     zero_ratio = np.inf
     if case.course == "session" and case.quantity in ZEROS:
         engine_torque = load[usable] / nominal[usable]
-        zero_ratio = size / (CLASS * float(engine_torque.max()))
+        zero_ratio = size / (CLASS_ZERO * float(engine_torque.max()))
     return samples, changed / stated, zero_ratio
 
 

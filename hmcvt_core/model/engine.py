@@ -96,9 +96,7 @@ class Engine:
 
         NaN above the full-load curve, below no torque and beyond the speeds of the table.
         """
-        speed, asked = np.broadcast_arrays(
-            real_numbers(engine_speed, "engine_speed"), real_numbers(torque, "torque")
-        )
+        speed, asked = _broadcast(engine_speed, torque)
         with np.errstate(invalid="ignore"):
             load = asked / self.full_load_torque(speed)
             known = (load >= 0.0) & (load <= 1.0 + 1e-12)
@@ -117,9 +115,7 @@ class Engine:
             engine_speed: within the table [rad/s].
             torque: up to full load [N m]; broadcasts.
         """
-        speed, asked = np.broadcast_arrays(
-            real_numbers(engine_speed, "engine_speed"), real_numbers(torque, "torque")
-        )
+        speed, asked = _broadcast(engine_speed, torque)
         rows = _every_second(len(self.speed))
         loads = _every_second(len(self.load))
         halved = Engine(
@@ -253,6 +249,13 @@ def load_engine(path: str | os.PathLike[str]) -> Engine:
     load = np.unique(loads.round(9))
     grid = [np.interp(load * torques[-1], torques, rates) for torques, rates in curves]
     return Engine(speeds, full_load, load, np.array(grid), _remarks(table, cells))
+
+
+def _broadcast(engine_speed: ArrayLike, torque: ArrayLike) -> tuple[Array, ...]:
+    """Return engine speeds and torques of one shape."""
+    return np.broadcast_arrays(
+        real_numbers(engine_speed, "engine_speed"), real_numbers(torque, "torque")
+    )
 
 
 def _remarks(table: Table, driving: Table) -> tuple[str, ...]:

@@ -10,13 +10,13 @@ import click
 import numpy as np
 
 from hmcvt_core.files.atomic import write_atomically
+from studies.blind.bench.scores import WORSE
 from studies.page import Goal, goal_table, render, table
 from studies.units.judge import units_of
 
 from .judge import (
     HALVES,
     MIN_BAND_REMOVED,
-    WORSE,
     BandRun,
     Run,
     bands,

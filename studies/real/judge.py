@@ -12,6 +12,7 @@ from hmcvt_core.benches.unit import UnitChange, UnitDiagnosis, diagnose_unit
 from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.diagnosis.results.outcome import NAMING
 from hmcvt_core.errors import InputError
+from hmcvt_core.model.intervals import half_width
 
 from .rig import SOUND_COOLER, Mask, Rig
 
@@ -29,10 +30,6 @@ WRONG_PROBABILITY = 0.8
 """Probability from which a wrong part counts as stated."""
 BANDS = ((0.7, "high"), (0.3, "low"))
 """Fraction of the largest pressure or speed beyond which samples are held out, on that side."""
-WORSE = 1.02
-"""Ratio of errors above which the saved model counts as worse than the paper's terms."""
-INTERVAL = 1.959964
-"""Deviations of an interval of 95 %."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +191,7 @@ def _inside(
         return 0, 0
     error = getattr(samples, channel) - answer.served.predict(samples)[channel]
     deviation = answer.served.deviation(samples)[channel]
-    return len(error), int(np.sum(np.abs(error) <= INTERVAL * deviation))
+    return len(error), int(np.sum(np.abs(error) <= half_width(None, 0.95) * deviation))
 
 
 def _kind(word: str, with_temperature: bool) -> str:

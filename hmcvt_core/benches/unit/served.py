@@ -112,18 +112,7 @@ class ServedUnit:
 
     def predict(self, samples: UnitSamples) -> dict[str, Array]:
         """Return losses by channel at the points of samples, shape (n,) each."""
-        parts = self._parts_of_bands(samples)
-        predictions = {
-            name: model.predict(samples) for name, model in self.models.items()
-        }
-        losses = {}
-        for channel in self.bands[0].models:
-            mixture = np.zeros(len(samples))
-            for part, band in zip(parts, self.bands, strict=True):
-                for name, weight in band.models[channel].items():
-                    mixture += part * weight * predictions[name][channel]
-            losses[channel] = mixture
-        return losses
+        return self._mixed(self._predictions(samples), self._parts_of_bands(samples))
 
     def deviation(self, samples: UnitSamples) -> dict[str, Array]:
         """Return standard deviations of the prediction by channel, shape (n,) each.
@@ -135,10 +124,8 @@ class ServedUnit:
         distances = self._distances(samples)
         parts = self._parts_of_bands(samples)
         growth = np.maximum(distances, 1.0) ** 2
-        predictions = {
-            name: model.predict(samples) for name, model in self.models.items()
-        }
-        mixture = self.predict(samples)
+        predictions = self._predictions(samples)
+        mixture = self._mixed(predictions, parts)
         deviations = {}
         for channel in self.bands[0].errors:
             variance = np.zeros(len(samples))
@@ -203,6 +190,28 @@ class ServedUnit:
                 }
             )
         return rows
+
+    def _predictions(self, samples: UnitSamples) -> dict[str, dict[str, Array]]:
+        """Return the losses of each model by channel, shape (n,) each."""
+        return {name: model.predict(samples) for name, model in self.models.items()}
+
+    def _mixed(
+        self, predictions: Mapping[str, Mapping[str, Array]], parts: Array
+    ) -> dict[str, Array]:
+        """Return the losses of the mixture by channel, shape (n,) each.
+
+        Args:
+            predictions: of each model, by channel.
+            parts: of each band, shape (bands, n).
+        """
+        losses = {}
+        for channel in self.bands[0].models:
+            mixture = np.zeros(parts.shape[1])
+            for part, band in zip(parts, self.bands, strict=True):
+                for name, weight in band.models[channel].items():
+                    mixture += part * weight * predictions[name][channel]
+            losses[channel] = mixture
+        return losses
 
     def _parts_of_bands(self, samples: UnitSamples) -> Array:
         """Return the part of each band at the points of samples, shape (bands, n).
