@@ -76,9 +76,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
         node = EfficiencyNode()
     except Exception as error:
-        # rclpy has many kinds for arguments, parameters and settings that it cannot use.
+        # rclpy has many kinds for arguments, parameters and settings that it cannot use. The reason
+        # comes first: the middleware may take its time to end.
+        code = _failed(_in_words(error))
         rclpy.try_shutdown()
-        return _failed(_in_words(error))
+        return code
     # What has been loaded stays; looking through it for garbage again and again delays answers.
     gc.freeze()
     return _run(node, signals)

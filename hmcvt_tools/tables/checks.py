@@ -113,8 +113,8 @@ def contradicting_tests(values: Mapping[str, Array]) -> dict[int, str]:
         return {}
     way, efficiency = shafts
     apart = _far_apart(efficiency, values["efficiency"])
-    if np.mean(apart) > _MAX_APART:
-        return {}  # the whole column is of another quantity
+    if not apart.any() or np.mean(apart) > _MAX_APART:
+        return {}  # none, or the whole column is of another quantity
     reasons = {}
     for index in np.flatnonzero(apart).tolist():
         reasons[index] = (

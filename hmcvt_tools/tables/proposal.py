@@ -39,6 +39,7 @@ _SPARE = (
     "load_torque",
     "output_torque",
 )
+_LOADS = ("load_torque", "output_torque")
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
 _NEUTRAL_OPEN = "is the pump in neutral at 0 or in the middle of the range"
@@ -287,6 +288,7 @@ def propose(
     for name, question in questions.items():
         if name in proposed or name in doubtful or name.startswith("any_"):
             open_questions.append(question)
+    open_questions += _loads_by_letter(table, proposed, {*given, *spares})
     return Proposal({**given, **proposed}, spares, tuple(open_questions), tuple(notes))
 
 
@@ -794,6 +796,40 @@ def _ask_torque_of_load(
         "engine speed"
     )
     questions["load_torque"] = Question(text, answers)
+
+
+def _loads_by_letter(
+    table: RawTable, proposed: Mapping[str, Column], others: Set[str]
+) -> list[Question]:
+    """Ask for columns such as `T_load` where an efficiency would give the load torque instead.
+
+    The letter may be a torque or a temperature. An efficiency that the user names is taken.
+
+    Args:
+        table: as text.
+        proposed: columns by quantity.
+        others: quantities that have a column otherwise.
+    """
+    measured = {*proposed, *others} & {*_LOADS, "output_power"}
+    if measured or "efficiency" not in proposed:
+        return []
+    efficiency = proposed["efficiency"]
+    questions = []
+    for name in table.columns:
+        meaning = meaning_of(name, table.units.get(name, ""))
+        as_torque = meaning_of(name, "N m").quantity
+        if not meaning.weak or meaning.unit is not None or as_torque not in _LOADS:
+            continue
+        answers = (
+            option(as_torque, name, "N m"),
+            option("efficiency", efficiency.name, efficiency.unit),
+        )
+        text = (
+            f"column {name!r} may be a torque or a temperature, and column "
+            f"{efficiency.name!r} would give the load torque"
+        )
+        questions.append(Question(text, answers))
+    return questions
 
 
 def _assign_sides(

@@ -296,7 +296,7 @@ def import_table(
     rows = _sorted_rows(values, columns, table)
     spares = _all_values(proposal.spares, table)
     if not unchecked:
-        odd = _odd_rows(values, spares, extra.get("stage"), table)
+        odd = _odd_rows(values, spares, rows.kept, extra.get("stage"), table)
         rows = rows.without(odd, table)
     _require_tests(rows, skip_bad, table)
     taken = _rows(values, rows.kept)
@@ -480,6 +480,7 @@ def _stages(
 def _odd_rows(
     values: Mapping[str, Array],
     spares: Mapping[str, Array],
+    kept: Sequence[int],
     stages: Sequence[str] | None,
     table: RawTable,
 ) -> dict[int, str]:
@@ -488,11 +489,15 @@ def _odd_rows(
     Args:
         values: SI values by quantity.
         spares: the same of columns that say the same again.
+        kept: positions of the rows with all values; others, such as averages below them, do not
+            count among the tests of which too many contradict.
         stages: of the rows, on which the speed ratio depends; None where no column names them.
         table: where they stand.
     """
     odd = odd_oil(values) | odd_ratios(values, stages)
-    odd |= contradicting_tests({**spares, **values})
+    of_tests = _rows({**spares, **values}, kept)
+    for index, reason in contradicting_tests(of_tests).items():
+        odd[kept[index]] = reason
     return {table.rows[index]: reason for index, reason in odd.items()}
 
 

@@ -505,3 +505,33 @@ def test_an_output_speed_without_a_unit_may_be_in_radians(hmcvt, tmp_path):
     done = imported(hmcvt, tmp_path, text_of(columns))
     assert done.code == 2
     assert "column 'output speed' names no unit" in done.err
+
+
+def test_averages_below_do_not_hide_an_efficiency_of_something_else(hmcvt, tmp_path):
+    """Four of twelve tests contradict the shafts; six rows of averages agree with them."""
+    off = np.where(np.arange(TESTS) % 3 == 0, 0.8, 1.0)
+    columns = {"Nr": np.arange(1.0, TESTS + 1.0), **SHAFTS}
+    columns["Efficiency [%]"] = 100.0 * off * EFFICIENCY
+    means = [np.mean(values) for values in SHAFTS.values()]
+    of_means = 100.0 * means[4] * means[3] / means[2] / means[1]
+    below = [("", *means, of_means)] * 6
+    done = imported(hmcvt, tmp_path, text_of(columns, below), "--skip-bad")
+    assert done.code == 2 and "one column or unit is wrong" in done.err, done
+
+
+@pytest.mark.parametrize("name", ["T_load", "T_load [qx]"])
+def test_letter_that_may_be_the_load_torque_is_asked(hmcvt, tmp_path, name):
+    columns = {
+        "Stroke [%]": 100.0 * STROKE,
+        "Engine speed [rpm]": ENGINE,
+        "Engine torque [Nm]": INTO,
+        "Efficiency [%]": 90.0 * EFFICIENCY,
+        name: LOAD,
+    }
+    done = imported(hmcvt, tmp_path, text_of(columns))
+    assert done.code == 2 and f"--load-torque '{name}:N m'" in done.err, done
+    columns["Efficiency [%]"] = 100.0 * EFFICIENCY
+    text = text_of(columns)
+    done = imported(hmcvt, tmp_path, text, "--efficiency", "Efficiency [%]")
+    assert done.code == 0, done
+    assert assert_true(tmp_path / "bench.csv") == TESTS

@@ -26,9 +26,10 @@ def place(environment):
 
 
 def run(environment, *arguments):
-    return subprocess.run(
-        arguments, env=environment, capture_output=True, text=True, timeout=60
-    )
+    """Run a command; one that hangs says where, by the traceback that SIGABRT prints."""
+    limited = ("timeout", "--signal=ABRT", "60", *arguments)
+    told = {**environment, "PYTHONFAULTHANDLER": "1"}
+    return subprocess.run(limited, env=told, capture_output=True, text=True)
 
 
 def all_at_once(environment, commands):
@@ -61,7 +62,7 @@ def test_wrong_parameter_is_one_line_and_exit_code_2(place, tmp_path, paper_file
         ],
     )
     for (parameter, words), result in zip(cases, found, strict=True):
-        assert result.returncode == 2, parameter
+        assert result.returncode == 2, (parameter, result.stderr)
         assert result.stderr.count("\n") == 1 and result.stderr.startswith(
             "hmcvt: error: "
         )
