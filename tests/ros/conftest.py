@@ -12,7 +12,7 @@ import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -232,16 +232,12 @@ class NodeUnderTest:
             assert self.player.call("revert").success
         if self.logged():
             assert self.player.call("clear_samples").success
-        assert all(
-            result.successful
-            for result in self.set(
-                **{
-                    item.name.replace(".", "__"): item.default
-                    for item in PARAMETERS
-                    if not item.read_only
-                }
-            )
-        )
+        defaults = {}
+        for item in PARAMETERS:
+            if not item.read_only:
+                defaults[item.name.replace(".", "__")] = item.default
+        refused = [result for result in self.set(**defaults) if not result.successful]
+        assert not refused, refused
         self.forget_status()
 
     def stop(self, number: int = signal.SIGINT) -> int:
@@ -286,13 +282,20 @@ def context(environment: Mapping[str, str]) -> Iterator[Context]:
     context.try_shutdown()
 
 
-@pytest.fixture(scope="session")
-def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
-    """Make a client in a namespace."""
+@contextmanager
+def clients(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
+    """Yield what makes a client in a namespace; the clients are closed at the end."""
     with ExitStack() as opened:
         yield lambda namespace: opened.enter_context(
             closing(Client(context, namespace))
         )
+
+
+@pytest.fixture(scope="session")
+def connect(context: Context) -> Iterator[Callable[[str], BenchPlayer]]:
+    """Make a client in a namespace."""
+    with clients(context) as make:
+        yield make
 
 
 @pytest.fixture(scope="session")
@@ -316,6 +319,7 @@ def start_anywhere(
         launcher: tuple[str, ...] = (),
         arguments: tuple[str, ...] = (),
         boosted: bool = True,
+        connect: Callable[[str], BenchPlayer] = connect,
         **parameters: Any,
     ) -> NodeUnderTest:
         folder = tmp_path_factory.mktemp("node")
@@ -357,11 +361,19 @@ def start_anywhere(
 def start_node(
     start_anywhere: Callable[..., NodeUnderTest],
 ) -> Iterator[Callable[..., NodeUnderTest]]:
-    """Start a node that lives as long as the module, as `start_anywhere` does."""
+    """Start a node that lives as long as the module, as `start_anywhere` does.
+
+    Its clients have a participant of their own: with that of the whole session, which has spoken
+    with dozens of killed nodes, DDS sometimes lost large requests for good.
+    """
     with ExitStack() as started:
+        context = Context()
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        started.callback(context.try_shutdown)
+        connect = started.enter_context(clients(context))
 
         def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:
-            node = start_anywhere(*arguments, **parameters)
+            node = start_anywhere(*arguments, connect=connect, **parameters)
             started.callback(node.kill)
             return node
 

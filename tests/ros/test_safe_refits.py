@@ -119,6 +119,7 @@ def test_samples_at_one_stroke_change_nothing_elsewhere(node, base):
 
 def test_samples_that_vanish_from_the_log_are_told(node, base):
     send_table(node, campaign(base, 12, 0))
+    assert node.comes(lambda: node.value("bench samples logged") == "12")
     lines = node.bench_file.read_bytes().splitlines(keepends=True)
     node.bench_file.write_bytes(b"".join(lines[:9]))
     refit = node.player.call("reidentify").data
