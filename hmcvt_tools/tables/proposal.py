@@ -288,7 +288,7 @@ def propose(
     for name, question in questions.items():
         if name in proposed or name in doubtful or name.startswith("any_"):
             open_questions.append(question)
-    open_questions += _loads_by_letter(table, proposed, {*given, *spares})
+    open_questions += _loads_by_letter(table, proposed, given, spares)
     return Proposal({**given, **proposed}, spares, tuple(open_questions), tuple(notes))
 
 
@@ -799,23 +799,25 @@ def _ask_torque_of_load(
 
 
 def _loads_by_letter(
-    table: RawTable, proposed: Mapping[str, Column], others: Set[str]
+    table: RawTable,
+    proposed: Mapping[str, Column],
+    given: Mapping[str, Column],
+    spares: Mapping[str, Column],
 ) -> list[Question]:
     """Ask for columns such as `T_load` where an efficiency would give the load torque instead.
 
-    The letter may be a torque or a temperature. An efficiency that the user names is taken.
-
-    Args:
-        table: as text.
-        proposed: columns by quantity.
-        others: quantities that have a column otherwise.
+    The letter may be a torque or a temperature. An efficiency that the user names is taken, and so
+    is a column of that letter.
     """
-    measured = {*proposed, *others} & {*_LOADS, "output_power"}
+    measured = {*proposed, *given, *spares} & {*_LOADS, "output_power"}
     if measured or "efficiency" not in proposed:
         return []
     efficiency = proposed["efficiency"]
+    settled = {column.name for column in given.values()} | {*table.hidden}
     questions = []
     for name in table.columns:
+        if name in settled:
+            continue
         meaning = meaning_of(name, table.units.get(name, ""))
         as_torque = meaning_of(name, "N m").quantity
         if not meaning.weak or meaning.unit is not None or as_torque not in _LOADS:

@@ -530,6 +530,9 @@ def test_letter_that_may_be_the_load_torque_is_asked(hmcvt, tmp_path, name):
     }
     done = imported(hmcvt, tmp_path, text_of(columns))
     assert done.code == 2 and f"--load-torque '{name}:N m'" in done.err, done
+    as_oil = ("--oil-temperature", f"{name}:degF")
+    done = imported(hmcvt, tmp_path, text_of(columns), *as_oil)
+    assert "may be a torque" not in done.err, done
     columns["Efficiency [%]"] = 100.0 * EFFICIENCY
     text = text_of(columns)
     done = imported(hmcvt, tmp_path, text, "--efficiency", "Efficiency [%]")

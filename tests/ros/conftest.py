@@ -274,12 +274,19 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
     return os.environ
 
 
-@pytest.fixture(scope="session")
-def context(environment: Mapping[str, str]) -> Iterator[Context]:
+@contextmanager
+def participant() -> Iterator[Context]:
+    """Yield a context of ROS; its nodes share a participant of DDS."""
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     yield context
     context.try_shutdown()
+
+
+@pytest.fixture(scope="session")
+def context(environment: Mapping[str, str]) -> Iterator[Context]:
+    with participant() as context:
+        yield context
 
 
 @contextmanager
@@ -363,13 +370,11 @@ def start_node(
 ) -> Iterator[Callable[..., NodeUnderTest]]:
     """Start a node that lives as long as the module, as `start_anywhere` does.
 
-    Its clients have a participant of their own: with that of the whole session, which has spoken
-    with dozens of killed nodes, DDS sometimes lost large requests for good.
+    Its clients have a participant of their own: over that of the whole session, which has spoken
+    with dozens of killed nodes, large requests sometimes got no reply any more.
     """
     with ExitStack() as started:
-        context = Context()
-        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-        started.callback(context.try_shutdown)
+        context = started.enter_context(participant())
         connect = started.enter_context(clients(context))
 
         def start(*arguments: Any, **parameters: Any) -> NodeUnderTest:

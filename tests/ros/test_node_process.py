@@ -27,9 +27,12 @@ def place(environment):
 
 def run(environment, *arguments):
     """Run a command; one that hangs says where, by the traceback that SIGABRT prints."""
-    limited = ("timeout", "--signal=ABRT", "60", *arguments)
+    limited = ("timeout", "--signal=ABRT", "--kill-after=5", "60", *arguments)
     told = {**environment, "PYTHONFAULTHANDLER": "1"}
-    return subprocess.run(limited, env=told, capture_output=True, text=True)
+    done = subprocess.run(limited, env=told, capture_output=True, text=True)
+    hung = done.returncode in (124, 137)  # by SIGABRT, or by SIGKILL after it
+    assert not hung, (arguments, done.stderr)
+    return done
 
 
 def all_at_once(environment, commands):
