@@ -344,9 +344,9 @@ QUANTITIES: tuple[Quantity, ...] = (
             step_spreads=(0.01, 0.03),
             misfit_spread=0.0012,
         ),
-        # Of both torques together: class 0.1, effect of 10 K (VDI/VDE 2646). Their zeros, drift and
-        # hysteresis are in `benches/transmission/meters.py`.
-        gauge=Gauge("meters", gain=0.001, by_session=True),
+        # Of both torques together, each of class 0.1 (VDI/VDE 2646): 0.1 % sqrt(2 / 3). Their zeros,
+        # drift and hysteresis are in `benches/transmission/meters.py`.
+        gauge=Gauge("meters", gain=0.0008, by_session=True),
     ),
     Quantity(
         name="output_speed",

@@ -99,14 +99,14 @@ def test_one_sample_shares_nothing():
 
 
 def test_the_errors_of_every_session_are_estimated_and_named():
-    """A zero of 4 N m in one of two sessions; the other has none."""
-    samples = campaign(seed=3, n=60, noise=0.001)
+    """A zero of 2 N m in one of two sessions; the other has none."""
+    samples = campaign(seed=3, n=60, noise=0.0003)
     late = np.arange(60) >= 30
     engine_torque = samples.load_torque / samples.efficiency
-    efficiency = samples.load_torque / (engine_torque + 4.0 * late)
+    efficiency = samples.load_torque / (engine_torque + 2.0 * late)
     samples = replace(samples, efficiency=efficiency)
     samples = _in_sessions(samples, np.where(late, "night", "day"))
-    diagnosis = diagnose(BASE, samples, noise=0.001)
+    diagnosis = diagnose(BASE, samples, noise=0.0003)
     errors = diagnosis.to_dict()["shared_errors"]
     zeros = {}
     for item in errors:
@@ -115,7 +115,7 @@ def test_the_errors_of_every_session_are_estimated_and_named():
             zeros[item["session"]] = item
     assert zeros.keys() == {"day", "night"}
     difference = zeros["night"]["value"] - zeros["day"]["value"]
-    assert difference == pytest.approx(4.0, abs=1.0)
+    assert difference == pytest.approx(2.0, abs=0.6)
     assert {item["unit"] for item in errors} == {"N m", "-"}
     assert "zero of the engine meter, session night: +" in diagnosis.report()
 

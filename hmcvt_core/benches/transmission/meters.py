@@ -40,20 +40,21 @@ RANGE_MARGIN = 1.5
 
 A meter is chosen so that the largest torque fills two thirds of its range.
 """
-ZERO_DEVIATION = 0.001
-"""Standard deviation of the zero in a session [part of the range].
-
-Accuracy class 0.1: the effect of 10 K on the zero is at most 0.1 % of the range (VDI/VDE 2646).
-"""
-DRIFT_DEVIATION = 0.0005
+ACCURACY_CLASS = 0.001
+"""Limit of an error of a torque meter of class 0.1 [part of the range] (VDI/VDE 2646)."""
+OF_LIMIT = 1.0 / np.sqrt(3.0)
+"""Standard deviation / limit, where every error within is as likely (JCGM 100:2008, 4.3.7)."""
+ZERO_DEVIATION = ACCURACY_CLASS * OF_LIMIT
+"""Standard deviation of the zero in a session [part of the range]: the effect of 10 K on it."""
+DRIFT_DEVIATION = 0.5 * ZERO_DEVIATION
 """Standard deviation of half the drift of the zero over a session [part of the range].
 
-Half of the zero's: the oil warms by some 5 K after a bench is warm.
+The oil warms by some 5 K after a bench is warm.
 """
-HYSTERESIS_DEVIATION = 0.0005
+HYSTERESIS_DEVIATION = 0.5 * ACCURACY_CLASS * OF_LIMIT
 """Standard deviation of half the width of the hysteresis [part of the range].
 
-Class 0.1: linearity with hysteresis is at most 0.1 % of the range (VDI/VDE 2646).
+The class limits linearity with hysteresis.
 """
 SESSION_PAUSE = 1800.0
 """Pause between two samples that begins a session at least [s]: a bench cools within it."""

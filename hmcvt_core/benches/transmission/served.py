@@ -59,7 +59,7 @@ class Margin(NamedTuple):
 
 MARGINS = {
     (BASE, LEADING_SET): Margin(1.0, 0.05),
-    (BASE, AVERAGE): Margin(1.5, 0.3),
+    (BASE, AVERAGE): Margin(1.0, 0.3),
     (LEADING_SET, AVERAGE): Margin(2.0, 0.3),
 }
 """Margins of a model over the one before it; chosen on development campaigns.

@@ -36,8 +36,8 @@ GROWTH = 1.4
 SEEDS = 1000
 #: Deviation of the zero of a torque meter of class 0.1 whose range is 1.5 times the largest torque,
 #: as a part of that torque; and of its gain.
-CLASS_ZERO = 0.0015
-CLASS_GAIN = 0.001
+CLASS_ZERO = 0.0015 / 3.0**0.5
+CLASS_GAIN = 0.001 / 3.0**0.5
 
 
 class Hidden(Protocol):
