@@ -54,9 +54,19 @@ RUN_BY_TEST_LONG = (
     "diagnose bench.csv --noise",
     "diagnose bench.csv --params",
     "diagnose data/simulated.csv --save-model",
-    "fleet fleet/logs",
+    "fleet",
 )
 """Beginnings of command lines that `make test` only parses: other tests run what they run."""
+REPEATED = (
+    "diagnose data/simulated.csv --json > before.json",
+    "diagnose data/simulated.csv --picture gap.png",
+    "diagnose data/simulated.csv --report report.html",
+    "diagnose data/table2.csv",
+    "estimate season --params params/tractor.yaml --processes 2",
+    "mission ploughing --bound",
+    "next bench.csv --noise 0.004",
+)
+"""Whole lines of the same kind: another line has these options and more."""
 LONG_PAGES = ("api-diagnosis.md", "gallery.md")
 """Pages whose Python takes half a minute."""
 EXTERNAL = {
@@ -127,16 +137,45 @@ def _cases_and_synopses():
 CASES, SYNOPSES = _cases_and_synopses()
 
 
+def _worked_example():
+    """Return the part of the page on the diagnosis that a test follows."""
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    (example,) = re.findall(
+        r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
+    )
+    return example
+
+
+def _followed_cases():
+    """Return the arguments of the command lines that tests of whole pages run."""
+    pages = [_worked_example()]
+    for name in ("tutorial.md", "predict.md"):
+        pages.append((DOCS / name).read_text(encoding="utf-8"))
+    return {tuple(shlex.split(line)[1:]) for page in pages for line in _lines(page)}
+
+
+FOLLOWED = _followed_cases()
+
+
 @pytest.fixture
-def workplace(tmp_path, monkeypatch):
+def workplace(prepared, tmp_path, monkeypatch):
     """Return a folder with the files that the examples name."""
-    shutil.copytree(ROOT / "data", tmp_path / "data")
-    shutil.copytree(ROOT / "params", tmp_path / "params")
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "examples").mkdir()
-    shutil.copy(ROOT / "examples" / "electric_drive.py", tmp_path / "examples")
-    write_raw_bench(tmp_path / "raw.csv")
-    _write_logs(tmp_path)
+    shutil.copytree(prepared, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    """Return a folder with the files that the examples name, to be copied."""
+    folder = tmp_path_factory.mktemp("prepared")
+    shutil.copytree(ROOT / "data", folder / "data")
+    shutil.copytree(ROOT / "params", folder / "params")
+    (folder / "docs").mkdir()
+    (folder / "examples").mkdir()
+    shutil.copy(ROOT / "examples" / "electric_drive.py", folder / "examples")
+    write_raw_bench(folder / "raw.csv")
+    _write_logs(folder)
     for name in (
         "pump",
         "commissioning",
@@ -144,14 +183,14 @@ def workplace(tmp_path, monkeypatch):
         "motors_s4d_c7",
         "table",
     ):
-        _write_unit(tmp_path / f"{name}.csv")
-    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "commissioned.csv")
+        _write_unit(folder / f"{name}.csv")
+    shutil.copy(ROOT / "data" / "simulated.csv", folder / "commissioned.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
-    (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
+    (folder / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
-        shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)
+        shutil.copy(ROOT / "data" / "table2.csv", folder / name)
     for name in ("mine.yaml", "served.yaml"):
-        shutil.copy(ROOT / "params" / "hm4.yaml", tmp_path / name)
+        shutil.copy(ROOT / "params" / "hm4.yaml", folder / name)
     train = yaml.safe_load(
         (ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8")
     )
@@ -160,21 +199,20 @@ def workplace(tmp_path, monkeypatch):
     )  # an alias would be refused
     rows = "".join(f"{i},8,{20 + i % 3}\n" for i in range(20))
     header = "time,ground_speed [km/h],drawbar_force [kN]\n"
-    (tmp_path / "my_cycle.csv").write_text(header + rows)
-    (tmp_path / "my_strategy.py").write_text(
+    (folder / "my_cycle.csv").write_text(header + rows)
+    (folder / "my_strategy.py").write_text(
         "def choose(now):\n    return now.choice(now.reachable.argmin())\n"
     )
-    (tmp_path / "my_transmission.yaml").write_text(
+    (folder / "my_transmission.yaml").write_text(
         yaml.safe_dump(train), encoding="utf-8"
     )
-    _write_stages(tmp_path)
+    _write_stages(folder)
     for name, content in _machine_logs().items():
-        path = tmp_path / name
+        path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
-    _write_maps(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    _write_maps(folder)
+    return folder
 
 
 def _write_maps(folder):
@@ -298,7 +336,8 @@ def _skip_without_tools_for_an_fmu():
 
 
 def _is_long(case):
-    return " ".join(case).startswith(RUN_BY_TEST_LONG)
+    line = " ".join(case)
+    return line.startswith(RUN_BY_TEST_LONG) or line in REPEATED
 
 
 def _marked(item, is_long):
@@ -312,7 +351,9 @@ def test_long_example_is_parsed(workplace, case):
 
 
 @pytest.mark.parametrize(
-    "case", [_marked(case, _is_long(case)) for case in CASES], ids=" ".join
+    "case",
+    [_marked(case, _is_long(case)) for case in CASES if case not in FOLLOWED],
+    ids=" ".join,
 )
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
@@ -551,11 +592,7 @@ def test_fuel_in_the_readme(hmcvt, workplace):
 
 
 def test_worked_example_of_the_diagnosis(hmcvt, workplace):
-    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
-    (example,) = re.findall(
-        r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
-    )
-    output = followed(hmcvt, example, 6)
+    output = followed(hmcvt, _worked_example(), 6)
     assert (workplace / "better.yaml").is_file()
     assert (
         "model with bearing drag (1.03 -> 0.48 points rms at samples left out) written to "

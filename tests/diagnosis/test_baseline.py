@@ -134,6 +134,7 @@ def test_next_tests_are_listed_once(worn):
     assert all(point not in points[:i] for i, point in enumerate(points))
 
 
+@pytest.mark.usefixtures("coarse_maps")
 def test_page_of_a_change(worn):
     page = html(worn)
     assert "Compared with 48 sound samples" in page and "laminar leakage" in page

@@ -37,7 +37,13 @@ EFFECTS = {
     "pump": (ChargePump(6.0),),
     "two": (Churning(10.0, 2.0), PressureLeakage(1e-11, 1.5)),
 }
-FEW = [(name, n) for name in EFFECTS for n in (8, 12, 20)]
+COUNTS = (8, 12, 20)
+FEW = []
+for i, name in enumerate(EFFECTS):
+    for j, n in enumerate(COUNTS):
+        # Each effect with one of the counts; `make test-long` runs the others.
+        repeated = [] if i % len(COUNTS) == j else [pytest.mark.long]
+        FEW.append(pytest.param(name, n, marks=repeated))
 
 
 def check(model, samples, tests):
@@ -81,7 +87,9 @@ def test_tests_differ_and_can_be_run(name, n):
     check(BASE, samples, advice.next_tests)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))]
+)
 def test_no_test_lies_where_the_stage_reverses(seed):
     """The lowest stage of the tractor turns backwards at one end of the stroke."""
     worn = replace(TRACTOR, effects=(ClutchDrag(8.0),))
@@ -124,7 +132,6 @@ def test_one_possible_test_is_repeated():
 
 
 def test_one_reading_needs_no_number():
-    advice = hmcvt.next_test(BASE, campaign(EFFECTS["mesh"], seed=8, n=8), noise=NOISE)
     point = dict.fromkeys(AXES, 100.0)
     test = NextTest(point, ("a", "b"), 1.0)
-    assert "times" not in wording.test_in_words(test, advice.axes)
+    assert "times" not in wording.test_in_words(test, Transmission(BASE).axes)
