@@ -6,7 +6,7 @@ from hmcvt_tools.report import gap_map
 
 @pytest.fixture(scope="module")
 def coarse_maps():
-    """Draw maps of 169 points each; the 1681 of a page take half of its time."""
+    """Draw maps of 169 points each; the 625 of a page take a third of its time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gap_map, "_GRID", 13)
         yield
