@@ -346,7 +346,7 @@ def _marked(item, is_long):
 
 @pytest.mark.parametrize("case", list(filter(_is_long, CASES)), ids=" ".join)
 def test_long_example_is_parsed(workplace, case):
-    name, *arguments = case
+    name, *arguments = _without_redirection(case)
     _command(name).make_context(name, list(arguments))
 
 
@@ -364,9 +364,7 @@ def test_example(hmcvt, workplace, case):
         return
     if case[:2] == ("transmission", "new"):  # it never replaces a file
         (workplace / case[2]).unlink(missing_ok=True)
-    if ">" in case:  # a shell would write the output to a file
-        case = case[: case.index(">")]
-    done = hmcvt(*case)
+    done = hmcvt(*_without_redirection(case))
     assert done.code == 0, done.err
     assert done.err == "" or name == "fleet"  # it reports its progress there
     assert done.out or "--out" in case
@@ -374,6 +372,11 @@ def test_example(hmcvt, workplace, case):
         assert done.json
     for path in _written(case):
         assert (workplace / path).stat().st_size > 0
+
+
+def _without_redirection(case):
+    """Return the arguments without a file to which a shell would write the output."""
+    return case[: case.index(">")] if ">" in case else case
 
 
 def _written(case):

@@ -17,6 +17,7 @@ from hmcvt_core.benches.transmission.system import (
 )
 from hmcvt_core.diagnosis.design import advice as wording
 from hmcvt_core.diagnosis.design.advice import NextTest
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
@@ -100,6 +101,9 @@ def test_no_test_lies_where_the_stage_reverses(seed):
     samples = everything.select(np.flatnonzero(speed > 0.0)[:24])
     advice = hmcvt.next_test(TRACTOR, samples, noise=0.004)
     check(TRACTOR, samples, advice.next_tests)
+    stage = advice.to_dict()["test"]["stage"]
+    assert stage in ("HM1", "HM4")
+    assert f"stage {stage}" in words.advice(advice)
 
 
 def test_candidates_keep_away_from_the_reversal():

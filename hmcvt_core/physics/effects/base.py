@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
@@ -193,6 +194,7 @@ class Parametrised:
     """Base of what has parameters that are declared with `size` and `shape`."""
 
     @classmethod
+    @cache  # a diagnosis asks for them at each of thousands of predictions
     def parameters(cls) -> tuple[EffectParameter, ...]:
         """Return the declared parameters."""
         return tuple(
