@@ -51,6 +51,7 @@ RUN_BY_TEST_LONG = (
     "study",
     "unit",
     "diagnose stages.csv",
+    "diagnose bench.csv --baseline",
     "diagnose bench.csv --noise",
     "diagnose bench.csv --params",
     "diagnose data/simulated.csv --save-model",
