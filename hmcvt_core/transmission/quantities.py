@@ -112,6 +112,9 @@ class Range:
             InputError: a value is no number (a text, a truth value, a complex number), not finite
                 or outside; the first one is named.
         """
+        # A plain number within the range needs no further look; many are checked in a search.
+        if type(value) is float and not self.signed and self.low <= value <= self.high:
+            return np.array(value)
         prefix = f"{where}: " if where else ""
         array = real_numbers(value, f"{prefix}{self.name}", f"; allowed {self}")
         # One pass each and false for NaN; cheaper than a mask when all is well.
