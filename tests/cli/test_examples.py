@@ -138,6 +138,15 @@ def _cases_and_synopses():
 CASES, SYNOPSES = _cases_and_synopses()
 
 
+def blocks(page):
+    """Return the indented blocks of a page, as lists of lines."""
+    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
+    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    return [
+        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
+    ]
+
+
 def _worked_example():
     """Return the part of the page on the diagnosis that a test follows."""
     page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
@@ -152,7 +161,8 @@ def _followed_cases():
     pages = [_worked_example()]
     for name in ("tutorial.md", "predict.md"):
         pages.append((DOCS / name).read_text(encoding="utf-8"))
-    return {tuple(shlex.split(line)[1:]) for page in pages for line in _lines(page)}
+    followed_lines = [block[0] for page in pages for block in blocks(page)]
+    return {tuple(shlex.split(line)[1:]) for line in followed_lines}
 
 
 FOLLOWED = _followed_cases()
@@ -504,15 +514,6 @@ def test_python_of_the_readme(workplace):
     for block in blocks:
         exec(block, names)
     assert 0.0 < names["fit"].fit_error < 0.05 and names["diagnosis"].verdict
-
-
-def blocks(page):
-    """Return the indented blocks of a page, as lists of lines."""
-    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
-    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
-    return [
-        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
-    ]
 
 
 def same(shown, printed):
