@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,6 +59,10 @@ def holds_numbers(value: ArrayLike) -> bool:
     if array.dtype.kind == "O":
         return all(map(_is_number, array.flat))
     return array.dtype.kind in "iuf"
+
+
+def _is_float(item: Any) -> TypeGuard[float]:
+    return isinstance(item, float)
 
 
 def _is_number(item: object) -> bool:
@@ -112,6 +117,9 @@ class Range:
             InputError: a value is no number (a text, a truth value, a complex number), not finite
                 or outside; the first one is named.
         """
+        # A plain number within the range needs no further look; many are checked in a search.
+        if _is_float(value) and not self.signed and self.low <= value <= self.high:
+            return np.array(value)
         prefix = f"{where}: " if where else ""
         array = real_numbers(value, f"{prefix}{self.name}", f"; allowed {self}")
         # One pass each and false for NaN; cheaper than a mask when all is well.

@@ -1162,7 +1162,7 @@ def attempt(one: Fault, number: int) -> tuple[str, bool]:
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=None)
 def command(only: str, skip: int, out: Path | None) -> None:
     """Bring about one fault after the other on a real node."""
-    rows = []
+    faults: dict[str, list[str]] = {}
     fallen = 0
     with tempfile.TemporaryDirectory(prefix="hmcvt-faults-") as name:
         loopback_only(Path(name))
@@ -1173,12 +1173,13 @@ def command(only: str, skip: int, out: Path | None) -> None:
             start = time.monotonic()
             text, withstood = attempt(one, number)
             fallen += not withstood
-            rows.append((one.kind, one.what, text))
+            faults.setdefault(text, []).append(one.what)
             click.echo(f"{time.monotonic() - start:5.1f} s  {one.what}: {text}")
         rclpy.try_shutdown()
-    click.echo(f"{len(rows)} faults, {fallen} fall")
+    click.echo(f"{sum(map(len, faults.values()))} faults, {fallen} fall")
     if out is not None:
-        write_atomically(out, table(("kind", "fault", "the node"), rows) + "\n")
+        rows = [(text, "; ".join(whats)) for text, whats in faults.items()]
+        write_atomically(out, table(("the node", "faults"), rows) + "\n")
     sys.exit(bool(fallen))
 
 

@@ -51,12 +51,23 @@ RUN_BY_TEST_LONG = (
     "study",
     "unit",
     "diagnose stages.csv",
+    "diagnose bench.csv --baseline",
     "diagnose bench.csv --noise",
     "diagnose bench.csv --params",
     "diagnose data/simulated.csv --save-model",
-    "fleet fleet/logs",
+    "fleet",
 )
 """Beginnings of command lines that `make test` only parses: other tests run what they run."""
+REPEATED = (
+    "diagnose data/simulated.csv --json > before.json",
+    "diagnose data/simulated.csv --picture gap.png",
+    "diagnose data/simulated.csv --report report.html",
+    "diagnose data/table2.csv",
+    "estimate season --params params/tractor.yaml --processes 2",
+    "mission ploughing --bound",
+    "next bench.csv --noise 0.004",
+)
+"""Whole lines of the same kind: another line has these options and more."""
 LONG_PAGES = ("api-diagnosis.md", "gallery.md")
 """Pages whose Python takes half a minute."""
 EXTERNAL = {
@@ -127,16 +138,55 @@ def _cases_and_synopses():
 CASES, SYNOPSES = _cases_and_synopses()
 
 
+def blocks(page):
+    """Return the indented blocks of a page, as lists of lines."""
+    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
+    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
+    return [
+        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
+    ]
+
+
+def _worked_example():
+    """Return the part of the page on the diagnosis that a test follows."""
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    (example,) = re.findall(
+        r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
+    )
+    return example
+
+
+def _followed_cases():
+    """Return the arguments of the command lines that tests of whole pages run."""
+    pages = [_worked_example()]
+    for name in ("tutorial.md", "predict.md"):
+        pages.append((DOCS / name).read_text(encoding="utf-8"))
+    followed_lines = [block[0] for page in pages for block in blocks(page)]
+    return {tuple(shlex.split(line)[1:]) for line in followed_lines}
+
+
+FOLLOWED = _followed_cases()
+
+
 @pytest.fixture
-def workplace(tmp_path, monkeypatch):
+def workplace(prepared, tmp_path, monkeypatch):
     """Return a folder with the files that the examples name."""
-    shutil.copytree(ROOT / "data", tmp_path / "data")
-    shutil.copytree(ROOT / "params", tmp_path / "params")
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "examples").mkdir()
-    shutil.copy(ROOT / "examples" / "electric_drive.py", tmp_path / "examples")
-    write_raw_bench(tmp_path / "raw.csv")
-    _write_logs(tmp_path)
+    shutil.copytree(prepared, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    """Return a folder with the files that the examples name, to be copied."""
+    folder = tmp_path_factory.mktemp("prepared")
+    shutil.copytree(ROOT / "data", folder / "data")
+    shutil.copytree(ROOT / "params", folder / "params")
+    (folder / "docs").mkdir()
+    (folder / "examples").mkdir()
+    shutil.copy(ROOT / "examples" / "electric_drive.py", folder / "examples")
+    write_raw_bench(folder / "raw.csv")
+    _write_logs(folder)
     for name in (
         "pump",
         "commissioning",
@@ -144,14 +194,14 @@ def workplace(tmp_path, monkeypatch):
         "motors_s4d_c7",
         "table",
     ):
-        _write_unit(tmp_path / f"{name}.csv")
-    shutil.copy(ROOT / "data" / "simulated.csv", tmp_path / "commissioned.csv")
+        _write_unit(folder / f"{name}.csv")
+    shutil.copy(ROOT / "data" / "simulated.csv", folder / "commissioned.csv")
     rows = (ROOT / "data" / "simulated.csv").read_text().replace("\n", ",HM4\n")
-    (tmp_path / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
+    (folder / "bench.csv").write_text(rows.replace("HM4", "stage", 1))
     for name in ("later.csv", "plan.csv", "my_bench.csv", "samples.csv"):
-        shutil.copy(ROOT / "data" / "table2.csv", tmp_path / name)
+        shutil.copy(ROOT / "data" / "table2.csv", folder / name)
     for name in ("mine.yaml", "served.yaml"):
-        shutil.copy(ROOT / "params" / "hm4.yaml", tmp_path / name)
+        shutil.copy(ROOT / "params" / "hm4.yaml", folder / name)
     train = yaml.safe_load(
         (ROOT / "params" / "transmission.yaml").read_text(encoding="utf-8")
     )
@@ -160,21 +210,20 @@ def workplace(tmp_path, monkeypatch):
     )  # an alias would be refused
     rows = "".join(f"{i},8,{20 + i % 3}\n" for i in range(20))
     header = "time,ground_speed [km/h],drawbar_force [kN]\n"
-    (tmp_path / "my_cycle.csv").write_text(header + rows)
-    (tmp_path / "my_strategy.py").write_text(
+    (folder / "my_cycle.csv").write_text(header + rows)
+    (folder / "my_strategy.py").write_text(
         "def choose(now):\n    return now.choice(now.reachable.argmin())\n"
     )
-    (tmp_path / "my_transmission.yaml").write_text(
+    (folder / "my_transmission.yaml").write_text(
         yaml.safe_dump(train), encoding="utf-8"
     )
-    _write_stages(tmp_path)
+    _write_stages(folder)
     for name, content in _machine_logs().items():
-        path = tmp_path / name
+        path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)
-    _write_maps(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    _write_maps(folder)
+    return folder
 
 
 def _write_maps(folder):
@@ -298,7 +347,8 @@ def _skip_without_tools_for_an_fmu():
 
 
 def _is_long(case):
-    return " ".join(case).startswith(RUN_BY_TEST_LONG)
+    line = " ".join(case)
+    return line.startswith(RUN_BY_TEST_LONG) or line in REPEATED
 
 
 def _marked(item, is_long):
@@ -307,12 +357,14 @@ def _marked(item, is_long):
 
 @pytest.mark.parametrize("case", list(filter(_is_long, CASES)), ids=" ".join)
 def test_long_example_is_parsed(workplace, case):
-    name, *arguments = case
+    name, *arguments = _without_redirection(case)
     _command(name).make_context(name, list(arguments))
 
 
 @pytest.mark.parametrize(
-    "case", [_marked(case, _is_long(case)) for case in CASES], ids=" ".join
+    "case",
+    [_marked(case, _is_long(case)) for case in CASES if case not in FOLLOWED],
+    ids=" ".join,
 )
 def test_example(hmcvt, workplace, case):
     name, *arguments = case
@@ -323,9 +375,7 @@ def test_example(hmcvt, workplace, case):
         return
     if case[:2] == ("transmission", "new"):  # it never replaces a file
         (workplace / case[2]).unlink(missing_ok=True)
-    if ">" in case:  # a shell would write the output to a file
-        case = case[: case.index(">")]
-    done = hmcvt(*case)
+    done = hmcvt(*_without_redirection(case))
     assert done.code == 0, done.err
     assert done.err == "" or name == "fleet"  # it reports its progress there
     assert done.out or "--out" in case
@@ -333,6 +383,11 @@ def test_example(hmcvt, workplace, case):
         assert done.json
     for path in _written(case):
         assert (workplace / path).stat().st_size > 0
+
+
+def _without_redirection(case):
+    """Return the arguments without a file to which a shell would write the output."""
+    return case[: case.index(">")] if ">" in case else case
 
 
 def _written(case):
@@ -461,15 +516,6 @@ def test_python_of_the_readme(workplace):
     assert 0.0 < names["fit"].fit_error < 0.05 and names["diagnosis"].verdict
 
 
-def blocks(page):
-    """Return the indented blocks of a page, as lists of lines."""
-    text = re.sub(r"```.*?```", "", page, flags=re.DOTALL)
-    texts = re.findall(r"(?:^    .*\n)+", text, flags=re.MULTILINE)
-    return [
-        [line[4:] for line in block.splitlines() if line.strip()] for block in texts
-    ]
-
-
 def same(shown, printed):
     """Return whether a line is printed as shown; numbers may differ in the last digits."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
@@ -551,11 +597,7 @@ def test_fuel_in_the_readme(hmcvt, workplace):
 
 
 def test_worked_example_of_the_diagnosis(hmcvt, workplace):
-    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
-    (example,) = re.findall(
-        r"^## A worked example$(.*?)^## ", page, re.DOTALL | re.MULTILINE
-    )
-    output = followed(hmcvt, example, 6)
+    output = followed(hmcvt, _worked_example(), 6)
     assert (workplace / "better.yaml").is_file()
     assert (
         "model with bearing drag (1.03 -> 0.48 points rms at samples left out) written to "

@@ -278,9 +278,10 @@ def test_intervals_of_tied_parameters_end_where_the_squares_rise(seed):
                 assert squares == pytest.approx(expected, rel=0.02)
 
 
-def test_intervals_of_tied_parameters_hold_the_truth():
+@pytest.mark.parametrize("seeds", [10, pytest.param(40, marks=pytest.mark.long)])
+def test_intervals_of_tied_parameters_hold_the_truth(seeds):
     held = []
-    for seed in range(40):
+    for seed in range(seeds):
         samples, truth = collinear(seed)
         ends = hmcvt.identify(samples).model.parameter_intervals()
         low, high = np.array([ends[name] for name in ends]).T

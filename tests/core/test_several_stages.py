@@ -8,7 +8,6 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
-from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.physics.effects.actuator import DisplacementOffset
 from hmcvt_core.physics.effects.mechanical import ClutchDrag, GearEfficiency
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
@@ -180,14 +179,3 @@ def test_a_sample_without_its_stage_is_named():
                 TRACTOR.in_stage("HM4"),
                 replace(samples, extra={"stage": ("HM4", *wrong[:-1])}),
             )
-
-
-def test_the_next_test_names_its_stage():
-    found = hmcvt.next_test(TRACTOR, bench(("HM1", "HM4"), 6, 3, WORN), noise=NOISE)
-    told = found.to_dict()["test"]
-    assert told["stage"] in ("HM1", "HM4")
-    assert f"stage {told['stage']}" in words.advice(found)
-    point = [
-        told[name] for name in ("displacement_ratio", "engine_speed", "load_torque")
-    ]
-    assert np.isfinite(TRACTOR.efficiency(*point, stage=told["stage"]))

@@ -22,7 +22,6 @@ from hmcvt_core.diagnosis.results.stages import stages_of
 from hmcvt_core.diagnosis.statements.agreement import Agreement, Look
 from hmcvt_core.diagnosis.statements.members import Member
 from hmcvt_core.diagnosis.statements.scatter import ExcessScatter
-from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 from hmcvt_tools.report import html, write_report
 from hmcvt_tools.report.figures import test_labels as labels_of_tests
@@ -38,8 +37,10 @@ from hmcvt_tools.report.gap_map import (
 from hmcvt_tools.report.residuals import stage_rows
 from hmcvt_tools.report.sheet import draw_sheet
 
-from .campaigns import BASE, NOISE, campaign
+from .campaigns import BASE, NOISE, campaign, diagnosed
 from .html_browser import Layout, clicked, laid_out
+
+pytestmark = pytest.mark.usefixtures("coarse_maps")
 
 PAGES = (
     "no_gap",
@@ -587,8 +588,8 @@ def test_python_draws_residuals_or_maps() -> None:
 
 
 def test_recorded_temperature_is_an_axis_of_maps() -> None:
-    samples = campaign((OilTemperature(1.0),), n=40, temperature=True)
-    found = hmcvt.diagnose(BASE, samples, noise=NOISE)
+    found = diagnosed("oil")
+    samples = found.samples
     names = [(across.name, up.name) for across, up in views(found)]
     assert len(names) == 6
     assert all("oil_temperature" not in pair for pair in names[:3])

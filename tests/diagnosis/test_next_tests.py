@@ -17,6 +17,7 @@ from hmcvt_core.benches.transmission.system import (
 )
 from hmcvt_core.diagnosis.design import advice as wording
 from hmcvt_core.diagnosis.design.advice import NextTest
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
@@ -37,7 +38,13 @@ EFFECTS = {
     "pump": (ChargePump(6.0),),
     "two": (Churning(10.0, 2.0), PressureLeakage(1e-11, 1.5)),
 }
-FEW = [(name, n) for name in EFFECTS for n in (8, 12, 20)]
+COUNTS = (8, 12, 20)
+FEW = []
+for i, name in enumerate(EFFECTS):
+    for j, n in enumerate(COUNTS):
+        # Each effect with one of the counts; `make test-long` runs the others.
+        repeated = [] if i % len(COUNTS) == j else [pytest.mark.long]
+        FEW.append(pytest.param(name, n, marks=repeated))
 
 
 def check(model, samples, tests):
@@ -81,7 +88,9 @@ def test_tests_differ_and_can_be_run(name, n):
     check(BASE, samples, advice.next_tests)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))]
+)
 def test_no_test_lies_where_the_stage_reverses(seed):
     """The lowest stage of the tractor turns backwards at one end of the stroke."""
     worn = replace(TRACTOR, effects=(ClutchDrag(8.0),))
@@ -92,6 +101,9 @@ def test_no_test_lies_where_the_stage_reverses(seed):
     samples = everything.select(np.flatnonzero(speed > 0.0)[:24])
     advice = hmcvt.next_test(TRACTOR, samples, noise=0.004)
     check(TRACTOR, samples, advice.next_tests)
+    stage = advice.to_dict()["test"]["stage"]
+    assert stage in ("HM1", "HM4")
+    assert f"stage {stage}" in words.advice(advice)
 
 
 def test_candidates_keep_away_from_the_reversal():
@@ -124,7 +136,7 @@ def test_one_possible_test_is_repeated():
 
 
 def test_one_reading_needs_no_number():
-    advice = hmcvt.next_test(BASE, campaign(EFFECTS["mesh"], seed=8, n=8), noise=NOISE)
     point = dict.fromkeys(AXES, 100.0)
     test = NextTest(point, ("a", "b"), 1.0)
-    assert "times" not in wording.test_in_words(test, advice.axes)
+    axes = [axis for axis in Transmission(BASE).axes if axis.name in AXES]
+    assert "times" not in wording.test_in_words(test, axes)

@@ -31,7 +31,7 @@ def test_a_set_that_leaves_far_more_than_the_stated_noise_is_not_all_of_it():
     assert as_stated.scatter is None
 
 
-@pytest.mark.parametrize("part", [0.3, 0.8, 1.25])
+@pytest.mark.parametrize("part", [0.3, pytest.param(0.8, marks=pytest.mark.long), 1.25])
 def test_noise_near_or_below_its_statement_blames_nothing(part):
     assert _with_a_pump(NOISE / part).unlisted < 0.1
 

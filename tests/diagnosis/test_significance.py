@@ -210,7 +210,9 @@ def test_an_axis_that_is_only_recorded_takes_part_up_to_the_second_degree():
     assert smooth.family[smooth.powers.tolist().index([1, 1])] == 3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))]
+)
 def test_a_few_speeds_far_beyond_their_meter_are_a_gap(seed):
     """Eight tests show no pattern, but no encoder scatters by a hundredth."""
     samples = campaign(seed=seed, n=8, noise=0.001, speed_noise=0.01)

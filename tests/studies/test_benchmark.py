@@ -225,6 +225,7 @@ def test_a_case_of_the_twin_is_written_and_answered(tmp_path):
         assert found.removed > 0.7
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_every_baseline_answers(tmp_path):
     pytest.importorskip("sklearn")

@@ -17,6 +17,7 @@ def test_regions_hold_more_of_the_gap_than_all_samples(generator):
     assert 1.0 >= scored.regions > scored.everything
 
 
+@pytest.mark.long
 def test_nothing_hidden_is_not_scored():
     assert score(Case("bench", 2, FIRST_SEED)) is None
 

@@ -136,7 +136,8 @@ def base_parameters(channels: Collection[str]) -> BaseParameters:
 def _values(scaled: Array, scales: Array) -> Array:
     """Return the parameters in their units: the hydraulic ones, then scaled tolerances."""
     count = len(PARAMETER_NAMES)
-    return np.append(from_scaled(scaled[:count]), scales * np.asarray(scaled[count:]))
+    tolerances = scales * np.asarray(scaled[count:])
+    return np.concatenate([from_scaled(scaled[:count]), tolerances])
 
 
 def base_values(parameters: BaseParameters, scaled: Array) -> BaseValues:

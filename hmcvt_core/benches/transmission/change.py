@@ -18,10 +18,12 @@ from ...model.model import EfficiencyModel
 from ...model.oil import oil_remarks
 from ...model.plausibility import gear_train_remarks
 from ..baseline import (
+    FEWEST_CHANGED,
     ChangeDiagnosis,
     Reference,
     compare,
     control_and_rest,
+    extrapolation_notes,
     judge_control,
 )
 from .channels import CHANNELS, OIL_TEMPERATURE
@@ -34,12 +36,10 @@ from .system import Transmission
 
 COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
+STEERED = ("displacement_ratio", "engine_speed", "load_torque")
+"""Columns along which samples may go beyond the baseline."""
 NOTABLE_SCALE = 1.5
 """Deviation of zeros / that of the class from which a note names a meter; chosen."""
-FEWEST_CHANGED = 5
-"""Fewest samples of the changed transmission, as of any diagnosis."""
-BEYOND_FRACTION = 0.05
-"""Fraction of the range of an axis by which samples may exceed the baseline without a warning."""
 
 
 def diagnose_change(
@@ -84,7 +84,7 @@ def diagnose_change(
     of_control = _answered(sound, baseline.select(left_out), notes)
     control = judge_control(sound, observe_change(sound, of_control, noise), seed)
     sound = replace(sound, inflation=control.inflation)
-    notes += _extrapolation_notes(sound, samples)
+    notes += extrapolation_notes(sound.samples, samples, STEERED, "transmission")
     held_out = None
     if holdout is not None:
         held_out = observe_change(sound, _answered(sound, tables[2], notes), None)
@@ -204,23 +204,6 @@ def _answered(
         raise InputError(f"{lost}; at least {FEWEST_CHANGED} have to remain")
     notes.append(f"{lost}; they were left out")
     return samples.select(np.flatnonzero(answered))
-
-
-def _extrapolation_notes(sound: SoundTransmission, samples: BenchSamples) -> list[str]:
-    """Say along which axes the samples go beyond the baseline."""
-    notes = []
-    for name in ("displacement_ratio", "engine_speed", "load_torque"):
-        known = getattr(sound.samples, name)
-        values = getattr(samples, name)
-        margin = BEYOND_FRACTION * (known.max() - known.min())
-        beyond = (values < known.min() - margin) | (values > known.max() + margin)
-        if beyond.any():
-            notes.append(
-                f"{int(beyond.sum())} of {len(samples)} samples go beyond the "
-                f"{name.replace('_', ' ')} of the baseline, where the sound transmission is less "
-                "certain"
-            )
-    return notes
 
 
 def _with_warnings(diagnosis: Diagnosis, warnings: Sequence[str]) -> Diagnosis:

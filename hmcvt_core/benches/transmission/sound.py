@@ -24,8 +24,8 @@ from ...files.bench import BenchSamples
 from ...model.domain import Domain
 from ...model.model import EfficiencyModel
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
-from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
-from ..baseline import CLASS_TO_DRIFT, Growth
+from ...physics.remainder import Remainder, Training, fit_remainder
+from ..baseline import CLASS_TO_DRIFT, Growth, HeldMachine, min_widths, stacked
 from .base import gauge_errors, scaled_base
 from .channels import (
     DISPLACEMENT_RATIO,
@@ -41,14 +41,12 @@ from .readings import observe
 from .system import Transmission, shown_by
 
 SOUND_AXES = (DISPLACEMENT_RATIO, ENGINE_SPEED, LOAD_TORQUE, OIL_TEMPERATURE, STAGE)
-MIN_RANGE_FRACTION = 0.2
-"""Minimum range of speed and load for the remainder, as a part of the largest value."""
 MIN_WIDTHS = {
     DISPLACEMENT_RATIO.name: 0.5,
     OIL_TEMPERATURE.name: 20.0,
     STAGE.name: 1.0,
 }
-"""The same of other axes: half of one side of the stroke; 20 K, which halve the viscosity."""
+"""Minimum ranges for the remainder: half of one side of the stroke; 20 K halve the viscosity."""
 STEP = 1e-2
 """Step of the derivative by a base parameter, in its prior deviations."""
 WEAR = (LaminarLeakage, ViscousDamping)
@@ -56,7 +54,7 @@ WEAR = (LaminarLeakage, ViscousDamping)
 
 
 @dataclass(frozen=True, eq=False)
-class SoundTransmission:
+class SoundTransmission(HeldMachine):
     """A sound transmission, held: a `SoundMachine`.
 
     Attributes:
@@ -86,6 +84,7 @@ class SoundTransmission:
 
     refusal = Transmission.refusal
     advice = Transmission.advice
+    remainder_axes = SOUND_AXES
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -106,21 +105,10 @@ class SoundTransmission:
         for channel, remainder in zip(self.channels, self.remainders, strict=True):
             count = remainder.training.columns.shape[1]
             columns = _padded(slopes[channel.name], count)
-            mean, covariance = remainder.predict(_stacked(points), columns)
+            mean, covariance = remainder.predict(self.stacked(points), columns)
             means.append(predicted[channel.name] + mean)
             covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
-
-    def drift_at(self, points: Points, deviation: Array) -> Array:
-        """Return the covariance of errors that readings in succession share."""
-        covariances = []
-        for remainder, noise in zip(self.remainders, deviation, strict=True):
-            covariances.append(remainder.drift_covariance(_stacked(points), noise))
-        return np.stack(covariances)
-
-    def left_out_residuals(self) -> list[LeftOut]:
-        """Return residuals of each channel at sound samples that are left out."""
-        return [remainder.left_out_runs() for remainder in self.remainders]
 
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""
@@ -190,7 +178,7 @@ class SoundTransmission:
 
     def _base_prediction(self, points: Points) -> Array:
         """Return the prediction of the model alone, which a search asks for repeatedly."""
-        key = _stacked(points).tobytes()
+        key = self.stacked(points).tobytes()
         if key not in self._predicted:
             self._predicted[key] = self.system.predict(self.base, (), points)
         return self._predicted[key]
@@ -219,7 +207,7 @@ def fit_sound_transmission(
     answered = np.isfinite(predicted).all(axis=0) & np.isfinite(slopes).all(axis=(0, 2))
     index = np.flatnonzero(answered)
     observed = observed.select(index)
-    points = _stacked(observed.points)
+    points = stacked(observed.points, SOUND_AXES)
     spread = np.append(system.base.spread, np.ones(observed.shared_count))
     shared = observed.shared_columns * observed.deviation[..., None]
     channels = []
@@ -238,7 +226,7 @@ def fit_sound_transmission(
             noise=observed.deviation[i],
             smooth_deviation=scale,
             nonnegative=np.zeros(len(spread), dtype=bool),
-            min_width=_min_widths(observed.points),
+            min_width=min_widths(observed.points, SOUND_AXES, MIN_WIDTHS),
             order=np.arange(float(len(index))),
             noise_stated=not observed.assumed,
         )
@@ -275,7 +263,7 @@ def observe_change(
     observed = with_scaled_zeros(observed, sound.zeros)
     deviation = observed.deviation.copy()
     for i, remainder in enumerate(sound.remainders):
-        ratio = remainder.noise_ratio_at(_stacked(observed.points))
+        ratio = remainder.noise_ratio_at(sound.stacked(observed.points))
         deviation[i] = sound.inflation * ratio * deviation[i]
     return replace(
         observed,
@@ -285,23 +273,6 @@ def observe_change(
         noise_source="scatter of the baseline",
         assumed=False,
     )
-
-
-def _stacked(points: Points) -> Array:
-    """Return operating points along all axes that are read, shape (n, axes)."""
-    rows = [points[axis.name] for axis in SOUND_AXES if axis.name in points]
-    return np.stack(np.broadcast_arrays(*rows), axis=1)
-
-
-def _min_widths(points: Points) -> Array:
-    """Return the least range by which each axis is scaled, shape (axes,)."""
-    widths = []
-    for axis in SOUND_AXES:
-        if axis.name not in points:
-            continue
-        largest = float(np.abs(points[axis.name]).max())
-        widths.append(MIN_WIDTHS.get(axis.name, MIN_RANGE_FRACTION * largest))
-    return np.array(widths)
 
 
 def _slopes(system: Transmission, base: Array, points: Points) -> Array:

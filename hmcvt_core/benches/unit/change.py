@@ -13,11 +13,12 @@ from ...diagnosis import Diagnosis
 from ...errors import InputError
 from ...files import preformatted
 from ..baseline import (
+    FEWEST_CHANGED,
     Baseline,
-    Control,
     Reference,
     compare,
     control_and_rest,
+    extrapolation_notes,
     judge_control,
 )
 from ..transmission.channels import OIL_TEMPERATURE
@@ -42,11 +43,6 @@ LARGEST_SOUND_LOSS = 0.25
 
 Makers state volumetric efficiencies of 0.85 to 0.98 at rated pressure.
 """
-BEYOND_FRACTION = 0.05
-SAME_SPEED_FRACTION = 0.01
-"""Fractions of range and largest value by which samples may exceed the baseline unwarned."""
-FEWEST_CHANGED = 5
-"""Fewest samples of the changed unit, as of any diagnosis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +175,11 @@ def diagnose_change(
         progress("the sound unit")
     left_out, fitted = control_and_rest(baseline, seed)
     sound = fit_sound_unit(baseline.select(fitted), channels, varied_axes(samples))
-    control = _control_of(sound, baseline.select(left_out), seed)
+    of_control = observe_change(sound, baseline.select(left_out))
+    control = judge_control(sound, of_control, seed)
     sound = replace(sound, inflation=control.inflation)
     sound = _with_temperature(sound, samples, seed, notes)
-    notes += _extrapolation_notes(sound, samples)
+    notes += extrapolation_notes(sound.samples, samples, ("pressure", "speed"), "unit")
     held_out = None
     if holdout is not None:
         held_out = observe_change(sound, holdout)
@@ -269,10 +266,6 @@ def _with_common_temperature(
     return [replace(table, oil_temperature=None) for table in tables]
 
 
-def _control_of(sound: SoundUnit, left_out: UnitSamples, seed: int) -> Control:
-    return judge_control(sound, observe_change(sound, left_out), seed)
-
-
 # --- oil that is warmer than that of the baseline -------------------------------------------
 
 
@@ -318,19 +311,3 @@ def _with_temperature(
 def _differs(sound: SoundUnit, samples: UnitSamples, seed: int) -> bool:
     observed = observe_change(sound, samples)
     return judge_control(sound, observed, seed).alarms
-
-
-def _extrapolation_notes(sound: SoundUnit, samples: UnitSamples) -> list[str]:
-    """Say along which axes the samples go beyond the baseline."""
-    notes = []
-    for name, word in (("pressure", "pressure"), ("speed", "speed")):
-        known = getattr(sound.samples, name)
-        values = getattr(samples, name)
-        margin = BEYOND_FRACTION * np.ptp(known) + SAME_SPEED_FRACTION * known.max()
-        beyond = (values < known.min() - margin) | (values > known.max() + margin)
-        if beyond.any():
-            notes.append(
-                f"{int(beyond.sum())} of {len(samples)} samples go beyond the {word} of the "
-                "baseline; the sound unit is less certain there"
-            )
-    return notes

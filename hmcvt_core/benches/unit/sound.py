@@ -50,8 +50,8 @@ from ...physics.effects.wear import (
     UnreadOilTemperature,
     ViscousDamping,
 )
-from ...physics.remainder import LeftOut, Remainder, Training, fit_remainder
-from ..baseline import CLASS_TO_DRIFT, Growth
+from ...physics.remainder import Remainder, Training, fit_remainder
+from ..baseline import CLASS_TO_DRIFT, Growth, HeldMachine, min_widths, stacked
 from ..transmission.channels import OIL_TEMPERATURE
 from .samples import UnitSamples, sign_of
 from .system import (
@@ -127,10 +127,8 @@ VARIED_FRACTION = 0.15
 
 At 0.15 a linear and a square form differ by a few percent, about what forms of effects err.
 """
-MIN_RANGE_FRACTION = 0.2
-"""Minimum range of stroke, speed and pressure for the remainder, as a part of the largest value."""
-MIN_TEMPERATURE_RANGE = 20.0
-"""The same of the oil temperature [K]: about as much halves the viscosity of a mineral oil."""
+MIN_WIDTHS = {OIL_TEMPERATURE.name: 20.0}
+"""Minimum ranges for the remainder [K]: about as much halves the viscosity of a mineral oil."""
 NEEDED_AXES: Mapping[type[Effect], str] = MappingProxyType(
     {
         PressureLeakage: PRESSURE.name,
@@ -149,7 +147,7 @@ such. A change of compressibility or churning is rarer than wear.
 
 
 @dataclass(frozen=True, eq=False)
-class SoundUnit:
+class SoundUnit(HeldMachine):
     """A sound unit, held: a `SoundMachine`.
 
     Attributes:
@@ -177,6 +175,7 @@ class SoundUnit:
 
     refusal = HydrostaticUnit.refusal
     advice = HydrostaticUnit.advice
+    remainder_axes = UNIT_AXES
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -195,7 +194,7 @@ class SoundUnit:
         covariances = []
         for channel, remainder in zip(self.channels, self.remainders, strict=True):
             columns, _, _ = _terms(self.unit, channel.name, within)
-            mean, covariance = remainder.predict(_stacked(within), columns)
+            mean, covariance = remainder.predict(self.stacked(within), columns)
             unknown = self._unknown_viscosity(channel.name, within)
             means.append(mean)
             covariance = covariance + np.outer(unknown, unknown)
@@ -220,17 +219,6 @@ class SoundUnit:
         beyond = np.log(_viscosity(points) / _viscosity(nearest))
         state = shaft_state(self.unit, points, _viscosity(points))
         return VISCOSITY_DEVIATION * self._laminar(channel, state) * beyond
-
-    def drift_at(self, points: Points, deviation: Array) -> Array:
-        """Return the covariance of errors that readings in succession share."""
-        covariances = []
-        for remainder, noise in zip(self.remainders, deviation, strict=True):
-            covariances.append(remainder.drift_covariance(_stacked(points), noise))
-        return np.stack(covariances)
-
-    def left_out_residuals(self) -> list[LeftOut]:
-        """Return residuals of each channel at sound samples that are left out."""
-        return [remainder.left_out_runs() for remainder in self.remainders]
 
     def within_temperatures(self, points: Points) -> Points:
         """Return points with oil temperatures limited to those of the baseline.
@@ -423,14 +411,14 @@ def fit_sound_unit(
     for channel in described:
         columns, spread, nonnegative = _terms(unit, channel.name, points)
         training = Training(
-            points=_stacked(points),
+            points=stacked(points, UNIT_AXES),
             columns=columns,
             spread=spread,
             values=np.asarray(getattr(samples, channel.name)),
             noise=_reading_deviation(samples, channel.name),
             smooth_deviation=CLASS_TO_DRIFT * channel.misfit_spread,
             nonnegative=nonnegative,
-            min_width=_min_widths(points),
+            min_width=min_widths(points, UNIT_AXES, MIN_WIDTHS),
             order=np.arange(float(len(samples))),
             noise_stated=samples.noise is not None,
         )
@@ -473,7 +461,7 @@ def observe_change(sound: SoundUnit, samples: UnitSamples) -> Observations:
     for channel, remainder in zip(sound.channels, sound.remainders, strict=True):
         measured.append(getattr(samples, channel.name))
         stated = _reading_deviation(samples, channel.name)
-        ratio = sound.inflation * remainder.noise_ratio_at(_stacked(points))
+        ratio = sound.inflation * remainder.noise_ratio_at(sound.stacked(points))
         deviation.append(ratio * stated)
     return Observations(
         axes=tuple(axes),
@@ -538,28 +526,6 @@ def varied_axes(samples: UnitSamples) -> list[str]:
 
 
 # --- physical terms ------------------------------------------------------------------------
-
-
-def _stacked(points: Points) -> Array:
-    """Return operating points along all axes that are read, shape (n, axes)."""
-    return np.stack([points[axis.name] for axis in UNIT_AXES if axis.name in points], 1)
-
-
-def _min_widths(points: Points) -> Array:
-    """Return the least range by which each axis is scaled, shape (axes,).
-
-    A remainder does not change within a small part of the working range, however little of it the
-    baseline covers.
-    """
-    widths = []
-    for axis in UNIT_AXES:
-        if axis.name not in points:
-            continue
-        if axis.name == OIL_TEMPERATURE.name:
-            widths.append(MIN_TEMPERATURE_RANGE)
-        else:
-            widths.append(MIN_RANGE_FRACTION * float(np.abs(points[axis.name]).max()))
-    return np.maximum(np.array(widths), 1e-12)
 
 
 def _viscosity(points: Points) -> Array:

@@ -66,7 +66,7 @@ class Hypothesis:
         is_size = [item.is_size for _, item in self.free_parameters]
         return self.base_count + np.flatnonzero(is_size)
 
-    @property
+    @cached_property
     def prior_mean(self) -> Array:
         """Prior mean of theta, shape (p,); that of a size is zero."""
         means = []
@@ -75,7 +75,7 @@ class Hypothesis:
         of_base = np.append(self.system.base.mean, np.zeros(self.shared_count))
         return np.append(of_base, means)
 
-    @property
+    @cached_property
     def base_spread(self) -> Array:
         """Prior standard deviations of the base parameters and the shared errors."""
         return np.append(self.system.base.spread, np.ones(self.shared_count))
@@ -91,7 +91,7 @@ class Hypothesis:
         spread[self.size_indices] = sizes
         return spread
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest theta, shape (p,) each."""
         unbounded = [np.inf] * self.shared_count
@@ -108,7 +108,7 @@ class Hypothesis:
                 highest.append(high)
         return np.array(lowest), np.array(highest)
 
-    @property
+    @cached_property
     def signs(self) -> Array:
         """Sign that each theta must have, shape (p,).
 

@@ -192,14 +192,19 @@ _Kind = TypeVar("_Kind", bound="Parametrised")
 class Parametrised:
     """Base of what has parameters that are declared with `size` and `shape`."""
 
+    _declared: ClassVar[tuple[EffectParameter, ...]]
+
     @classmethod
     def parameters(cls) -> tuple[EffectParameter, ...]:
         """Return the declared parameters."""
-        return tuple(
-            EffectParameter(item.name, **item.metadata)
-            for item in fields(cls)
-            if item.metadata
-        )
+        # A diagnosis asks for them at each of thousands of predictions.
+        if "_declared" not in cls.__dict__:
+            cls._declared = tuple(
+                EffectParameter(item.name, **item.metadata)
+                for item in fields(cls)
+                if item.metadata
+            )
+        return cls._declared
 
     @classmethod
     def sizes(cls) -> tuple[EffectParameter, ...]:
