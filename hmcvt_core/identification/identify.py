@@ -295,10 +295,18 @@ def _with_misfit(
     belongs = campaign.belongs[rows]
     fold = np.full(len(samples), -1)
     fold[belongs] = folds(samples.select(belongs), seed)
+    whole = Problem(campaign.model, samples)
+    used = belongs & (fold != np.arange(fold.max() + 1)[:, None])
+
+    def residuals(variables: Array) -> Array:
+        """Residuals (m, k, n) of the refits at variables (m, k, 3)."""
+        return np.where(used[:, None], whole.residuals(variables), 0.0)
+
+    starts = np.tile(scaled, (len(used), 1))
+    refits = whole.criterion.local_searches(residuals, whole.objective, starts)
     others = []
-    for part in range(fold.max() + 1):
-        rest = Problem(campaign.model, samples.select(belongs & (fold != part)))
-        refitted, _ = rest.finish(scaled[None, :])
+    for kept, refitted in zip(used, refits, strict=True):
+        rest = Problem(campaign.model, samples.select(kept))
         others.append(_fitted_model(rest, refitted))
     return with_misfit(model, samples, belongs, fold, others)
 
