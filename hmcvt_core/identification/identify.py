@@ -45,7 +45,7 @@ from .robust import thinned, thinned_rows
 
 SCHEDULES: Mapping[str, Schedule] = {
     # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
-    POWER_BALANCE.name: Schedule(chains=26, moves=4, rounds=4, together=True),
+    POWER_BALANCE.name: Schedule(chains=22, moves=6, rounds=3, together=True),
     # Regions without any answer: long chains, whose moves stay wide until (20) ends the run.
     PUBLISHED.name: Schedule(chains=16, moves=20, shrink=with_steps),
 }
