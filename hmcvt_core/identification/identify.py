@@ -255,15 +255,13 @@ def _annealed(
 
 
 def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
-    standard_errors, correlation = precision(problem, scaled)
-    return replace(
+    model = replace(
         problem.model,
         parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
-        standard_errors=standard_errors,
-        correlation=correlation,
-        degrees_of_freedom=degrees_of_freedom(problem.samples),
         domain=Domain.of(problem.samples),
     )
+    free = degrees_of_freedom(problem.samples)
+    return model.with_errors(*precision(problem, scaled), free)
 
 
 def _with_intervals(
