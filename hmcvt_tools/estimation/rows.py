@@ -32,10 +32,10 @@ _IDLE = ENGINE_SPEED.low
 _SECOND_STAGE = 0.5
 """Standard deviation, in the difference between two stages that may both be engaged."""
 _STATED_STAGE = 1.0
-"""The same where the bus names one of them: it holds the other one, with the errors of both."""
+"""The same where the bus names one of them: the interval then holds the load of the other, too."""
 _SAME_STROKE = 0.05
-"""Displacement ratio by which one stage has to miss the measured one more than another, to be told
-from it."""
+"""Two stages cannot be told apart if they miss the measured displacement ratio by amounts that
+differ by less; a worn machine shifts both by up to 0.2 (development drives)."""
 _INVERSIONS = 30
 """Bisections for the torque behind a fuel rate."""
 
@@ -255,11 +255,11 @@ class Estimator:
             column[..., rows] = np.where(better, two, one)
         stage = np.full(count, -1)
         stage[rows] = np.where(better, second, first)
-        apart = np.zeros(count)
-        difference = np.nan_to_num(np.abs(likely.load_torque - other.load_torque))
+        apart = np.nan_to_num(np.abs(likely.load_torque - other.load_torque))
         part = np.where(is_stated, _STATED_STAGE, _SECOND_STAGE)
-        apart[rows] = np.where(is_certain, 0.0, part * difference)
-        return _Engaged(solved, stage, apart)
+        deviation = np.zeros(count)
+        deviation[rows] = np.where(is_certain, 0.0, part * apart)
+        return _Engaged(solved, stage, deviation)
 
     def _unsolved(self, count: int) -> Solved:
         """Return a result without any load."""

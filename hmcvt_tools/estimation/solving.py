@@ -264,7 +264,7 @@ class Stages:
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the stage of each row by number, and a second one that it may be; -1 for none.
 
-        A stated stage is the first.
+        A stated stage is the first; the second is then the one that fits best without it.
 
         Args:
             ratio: output speed / engine speed [-], shape (n,).
