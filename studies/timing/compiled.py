@@ -70,9 +70,7 @@ def _scalar_calls(library: Library, number: int) -> dict[str, Callable[[], float
     return {"lookup": lookup, "optimum, engine speed held": optimal}
 
 
-def call_table(
-    turns: int, tractor: hmcvt.EfficiencyModel, library: Library
-) -> str:
+def call_table(turns: int, tractor: hmcvt.EfficiencyModel, library: Library) -> str:
     """Return the table of single calls."""
     stage = tractor.stages[_STAGE]
     number = list(tractor.stages).index(_STAGE)

@@ -308,7 +308,9 @@ def test_file_keeps_the_intervals(four, tmp_path):
         load_model(tmp_path / "m.yaml")
     elsewhere = [line.replace("[0.1]", "[5.0, 6.0]") for line in damaged]
     (tmp_path / "m.yaml").write_text("\n".join(elsewhere))
-    message = r"m\.yaml: interval_90\.pump_damping = \[5\.0, 6\.0\] does not hold parameters"
+    message = (
+        r"m\.yaml: interval_90\.pump_damping = \[5\.0, 6\.0\] does not hold parameters"
+    )
     with pytest.raises(InputError, match=message):
         load_model(tmp_path / "m.yaml")
 
