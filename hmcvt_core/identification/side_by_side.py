@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Least squares from several starts side by side (Levenberg & Marquardt within bounds).
 
-To predict with fifty candidates takes hardly longer than with one, so that searches which share
-their predictions take hardly longer than one of them.
+A prediction takes little longer with fifty candidates than with one, so several searches that share
+their predictions take little longer than one of them.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ _ROUNDING = 1e-14
 """Of the squares: a rise that rounding explains."""
 _DAMPING = 1e-4
 """Of the first step, by the curvature along each variable."""
+_WEAKEST_DAMPING = 1e-12
+"""Below which variables that the residuals tie would leave no step determined."""
 _STRONGEST_DAMPING = 1e4
 """Above which no step gains anything."""
 
@@ -74,6 +76,7 @@ class LeastSquares:
             residuals = np.where(better[:, None], new_residuals, residuals)
             slopes = np.where(better[:, None, None], new_slopes, slopes)
             damping = damping * np.where(better, 0.1, 10.0)
+            damping = np.maximum(damping, _WEAKEST_DAMPING)
             is_small = np.max(np.abs(step) / self.difference, axis=1) < _SMALL_STEP
             is_small |= np.abs(gain) < small_gain
             moving &= ~is_small & (damping < _STRONGEST_DAMPING)
@@ -100,7 +103,7 @@ class LeastSquares:
         damping: Array,
         held: NDArray[np.bool_] | None,
     ) -> Array:
-        """Return the damped step of each search, shape (m, d); 0 out of the bounds."""
+        """Return the damped step of each search, (m, d); none beyond a bound that is reached."""
         gradient = np.einsum("mni,mn->mi", slopes, residuals)
         at_low = (points <= self.bounds[:, 0]) & (gradient > 0.0)
         at_high = (points >= self.bounds[:, 1]) & (gradient < 0.0)
