@@ -338,7 +338,7 @@ class _Chains:
         values = self._box(trials.reshape(-1, trials.shape[-1]))
         self._take(warm, temperature, trials, values.reshape(draws, -1))
 
-    @np.errstate(invalid="ignore", over="ignore", under="ignore")
+    @np.errstate(invalid="ignore", divide="ignore")
     def _take(
         self,
         warm: NDArray[np.intp],
@@ -354,25 +354,41 @@ class _Chains:
             trials: shape (draws, m, d).
             trial_values: objective at them, shape (draws, m).
         """
-        points = self._points[warm]
         values = self._values[warm]
-        best = self._best[warm]
         best_values = self._best_values[warm]
         luck = self._rng.random(trial_values.shape)
-        for trial, trial_value, drawn in zip(trials, trial_values, luck, strict=True):
-            rise = trial_value - values
-            chance = np.exp(-np.maximum(rise, 0.0) / temperature)
+        # Metropolis takes a rise with probability exp(-rise / temperature).
+        tolerated = -temperature * np.log(luck)
+        # Number of the trial that each chain stands at, and of its best; -1 for none of these.
+        current = np.full(len(warm), -1)
+        best = np.full(len(warm), -1)
+        for number, trial_value in enumerate(trial_values):
             # inf - inf is NaN: a chain that starts without any answer may wander freely.
-            accepted = np.isnan(rise) | (drawn < chance)
-            np.copyto(points, trial, where=accepted[:, None])
+            accepted = ~(trial_value - values >= tolerated[number])
             np.copyto(values, trial_value, where=accepted)
+            np.copyto(current, number, where=accepted)
             better = values < best_values
-            np.copyto(best, points, where=better[:, None])
             np.copyto(best_values, values, where=better)
-        self._points[warm] = points
+            np.copyto(best, current, where=better)
         self._values[warm] = values
-        self._best[warm] = best
         self._best_values[warm] = best_values
+        _put(self._points, warm, trials, current)
+        _put(self._best, warm, trials, best)
+
+
+def _put(
+    points: Array, chains: NDArray[np.intp], trials: Array, chosen: NDArray[np.intp]
+) -> None:
+    """Move chains to the trials they chose.
+
+    Args:
+        points: of all chains, shape (chains, d), changed in place.
+        chains: m chains.
+        trials: of them, shape (draws, m, d).
+        chosen: number of the trial of each, shape (m,); -1 for none.
+    """
+    (moved,) = np.nonzero(chosen >= 0)
+    points[chains[moved]] = trials[chosen[moved], moved]
 
 
 def reflect(points: Array, low: Array, high: Array) -> Array:

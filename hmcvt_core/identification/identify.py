@@ -45,7 +45,7 @@ from .robust import thinned, thinned_rows
 
 SCHEDULES: Mapping[str, Schedule] = {
     # Ends within 0.01 % of the lowest objective by itself (`python -m studies.annealing`).
-    POWER_BALANCE.name: Schedule(chains=26, moves=4, rounds=4, together=True),
+    POWER_BALANCE.name: Schedule(chains=22, moves=6, rounds=3, together=True),
     # Regions without any answer: long chains, whose moves stay wide until (20) ends the run.
     PUBLISHED.name: Schedule(chains=16, moves=20, shrink=with_steps),
 }
@@ -255,15 +255,13 @@ def _annealed(
 
 
 def _fitted_model(problem: Problem, scaled: Array) -> EfficiencyModel:
-    standard_errors, correlation = precision(problem, scaled)
-    return replace(
+    model = replace(
         problem.model,
         parameters=HydraulicParameters(*problem.parameters(scaled).tolist()),
-        standard_errors=standard_errors,
-        correlation=correlation,
-        degrees_of_freedom=degrees_of_freedom(problem.samples),
         domain=Domain.of(problem.samples),
     )
+    free = degrees_of_freedom(problem.samples)
+    return model.with_errors(*precision(problem, scaled), free)
 
 
 def _with_intervals(
@@ -295,10 +293,18 @@ def _with_misfit(
     belongs = campaign.belongs[rows]
     fold = np.full(len(samples), -1)
     fold[belongs] = folds(samples.select(belongs), seed)
+    whole = Problem(campaign.model, samples)
+    used = belongs & (fold != np.arange(fold.max() + 1)[:, None])
+
+    def residuals(variables: Array) -> Array:
+        """Residuals (m, k, n) of the refits at variables (m, k, 3)."""
+        return np.where(used[:, None], whole.residuals(variables), 0.0)
+
+    starts = np.tile(scaled, (len(used), 1))
+    refits = whole.criterion.local_searches(residuals, whole.objective, starts)
     others = []
-    for part in range(fold.max() + 1):
-        rest = Problem(campaign.model, samples.select(belongs & (fold != part)))
-        refitted, _ = rest.finish(scaled[None, :])
+    for kept, refitted in zip(used, refits, strict=True):
+        rest = Problem(campaign.model, samples.select(kept))
         others.append(_fitted_model(rest, refitted))
     return with_misfit(model, samples, belongs, fold, others)
 

@@ -6,7 +6,7 @@ import numpy as np
 from ..files.bench import BenchSamples
 from ..transmission.parameters import PARAMETER_NAMES, SEARCH_BOUNDS
 from ..transmission.ranges import Array
-from .criterion import slopes_within_bounds
+from .criterion import least_squares
 from .problem import Problem
 
 WIDTH = SEARCH_BOUNDS[:, 1] - SEARCH_BOUNDS[:, 0]
@@ -38,8 +38,9 @@ def precision(
         Standard errors by name, in the units of the parameters; correlation, shape (3, 3).
     """
     scale = scatter(problem if scattered is None else scattered, scaled)
+    _, slopes = least_squares(problem.residuals).linearised(scaled[None])
     # 0 without an answer.
-    jacobian = np.nan_to_num(slopes_within_bounds(problem.residuals, scaled))
+    jacobian = np.nan_to_num(slopes[0])
     # The leakage is scaled by its logarithm.
     units = np.array([np.log(10.0) * 10.0 ** scaled[0], 1.0, 1.0])
     width = WIDTH / np.sqrt(12.0)

@@ -64,10 +64,7 @@ class Problem:
         Returns:
             The best point, shape (3,), and its objective; infinite where some sample has no answer.
         """
-        polished = [
-            self.criterion.local_search(self.residuals, self.objective, end)
-            for end in ends
-        ]
-        points = np.vstack([*polished, *ends])
+        polished = self.criterion.local_searches(self.residuals, self.objective, ends)
+        points = np.vstack([polished, ends])
         values = np.nan_to_num(self.objective(points), nan=np.inf)
         return points[int(values.argmin())], float(values.min())

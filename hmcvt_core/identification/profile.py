@@ -10,9 +10,9 @@ at the bound itself (Bates & Watts 1988, Nonlinear Regression Analysis and Its A
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..model.intervals import half_width
 from ..transmission.parameters import (
@@ -25,6 +25,7 @@ from ..transmission.ranges import Array
 from .criterion import NO_ANSWER
 from .precision import degrees_of_freedom, scatter
 from .problem import Problem
+from .side_by_side import LeastSquares
 
 _UNIT = from_scaled(SEARCH_BOUNDS[:, 1])
 """Units of the variables, shape (3,). The leakage counts itself, not by its logarithm: losses rise
@@ -37,14 +38,8 @@ _EXACT = 0.01
 """Error of an end in terms of its distance from the best value, to first order."""
 _REFINEMENTS = 25
 """Of an end, at most; the outermost value known to be inside stands for one that is not found."""
-_STEPS = 15
-"""Of a fit, at most."""
 _SMALL_GAIN = 1e-3
 """Of the rise at an end: a step that gains less ends a search."""
-_DAMPING = 1e-4
-"""Of the first step (Levenberg & Marquardt), by the curvature along each variable."""
-_STRONGEST_DAMPING = 1e4
-"""Above which no step gains anything."""
 
 
 def profile_intervals(
@@ -108,7 +103,11 @@ class _Profile:
             low, high = _BOUNDS[held].T
             tried = inside.copy()
             tried[rows, held] = np.clip(guess, low, high)
-            points, squares = self._fitted(tried[open_rows], held[open_rows])
+            points, squares = self._least_squares.fitted(
+                tried[open_rows],
+                np.arange(3) == held[open_rows, None],
+                _SMALL_GAIN * self.rise,
+            )
             root = np.sqrt(np.maximum(squares - lowest, 0.0) / self.rise)
             for row, point, value in zip(open_rows.tolist(), points, root, strict=True):
                 axis = held[row]
@@ -134,50 +133,9 @@ class _Profile:
             guess = np.where(np.isnan(outside), further, between)
         return inside
 
-    def _fitted(self, points: Array, held: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Fit the other parameters within their bounds (Levenberg & Marquardt).
-
-        Args:
-            points: m starts, shape (m, 3).
-            held: the parameter of each that keeps its value, shape (m,).
-
-        Returns:
-            The points, shape (m, 3), and their squares, shape (m,).
-        """
-        rows = np.arange(len(points))
-        residuals, slopes = self._linearised(points)
-        squares = np.sum(residuals**2, axis=1)
-        damping = np.full(len(points), _DAMPING)
-        moving = np.ones(len(points), dtype=bool)
-        for _ in range(_STEPS):
-            gradient = np.einsum("mni,mn->mi", slopes, residuals)
-            at_low = (points <= _BOUNDS[:, 0]) & (gradient > 0.0)
-            at_high = (points >= _BOUNDS[:, 1]) & (gradient < 0.0)
-            fixed = at_low | at_high
-            fixed[rows, held] = True
-            curvature = np.einsum("mni,mnj->mij", slopes, slopes)
-            size = np.diagonal(curvature, axis1=1, axis2=2)
-            curvature = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, curvature)
-            # A ridge of one for a variable that rests, and for one that changes nothing.
-            ridge = np.where(fixed | (size == 0.0), 1.0, damping[:, None] * size)
-            curvature = curvature + ridge[:, :, None] * np.eye(3)
-            pull = np.where(fixed, 0.0, gradient)
-            step = -np.linalg.solve(curvature, pull[..., None])[..., 0]
-            trial = np.clip(points + step, *_BOUNDS.T)
-            new_residuals, new_slopes = self._linearised(trial)
-            new_squares = np.sum(new_residuals**2, axis=1)
-            gain = squares - new_squares
-            better = moving & (gain > 0.0)
-            points = np.where(better[:, None], trial, points)
-            squares = np.where(better, new_squares, squares)
-            residuals = np.where(better[:, None], new_residuals, residuals)
-            slopes = np.where(better[:, None, None], new_slopes, slopes)
-            damping = damping * np.where(better, 0.1, 10.0)
-            small = np.abs(gain) < _SMALL_GAIN * self.rise
-            moving &= ~small & (damping < _STRONGEST_DAMPING)
-            if not moving.any():
-                break
-        return points, squares
+    @cached_property
+    def _least_squares(self) -> LeastSquares:
+        return LeastSquares(self._residuals, _BOUNDS, np.full(3, _DIFFERENCE))
 
     def _squares(self, points: Array) -> Array:
         return np.asarray(np.sum(self._residuals(points) ** 2, axis=-1))
@@ -186,14 +144,3 @@ class _Profile:
         return np.nan_to_num(
             self.problem.residuals(to_scaled(points * _UNIT)), nan=NO_ANSWER
         )
-
-    def _linearised(self, points: Array) -> tuple[Array, Array]:
-        """Residuals (m, n) and their slopes (m, n, 3) at points (m, 3)."""
-        step = _DIFFERENCE * np.eye(3)
-        below = np.maximum(points[:, None] - step, _BOUNDS[:, 0])
-        above = np.minimum(points[:, None] + step, _BOUNDS[:, 1])
-        every = np.concatenate([points[:, None], below, above], axis=1)
-        residuals = self._residuals(every)
-        width = np.diagonal(above - below, axis1=1, axis2=2)
-        change = residuals[:, 4:] - residuals[:, 1:4]
-        return residuals[:, 0], (change / width[..., None]).transpose(0, 2, 1)

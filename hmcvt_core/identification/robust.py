@@ -21,6 +21,7 @@ from . import annealing
 from .annealing import QUICK
 from .prior import Prior
 from .problem import Problem
+from .side_by_side import LeastSquares
 
 MEDIAN_TO_DEVIATION = 1.4826
 """Median of absolute values to standard deviation, normal distribution."""
@@ -121,7 +122,7 @@ class RobustProblem(Problem):
 
     def least_squares(self, start: Array, weights: Array) -> Array:
         """Weighted least squares with the prior: the change, shape (3,)."""
-        return self.nearest(start, weights, np.eye(len(start)), np.ones(len(start)))
+        return self._fits(start[None], weights)[0]
 
     def nearest(
         self, start: Array, weights: Array, directions: Array, precision: Array
@@ -137,21 +138,34 @@ class RobustProblem(Problem):
         Returns:
             The change, shape (3,).
         """
-        from scipy.optimize import least_squares
+        steps = self._steps(start[None], weights, directions, precision)[0]
+        return np.asarray(directions @ steps)
 
-        weight_roots = np.sqrt(weights)
+    def _fits(self, starts: Array, weights: Array) -> Array:
+        """Weighted least squares with the prior from m starts: changes, shape (m, 3).
+
+        Args:
+            starts: changes, shape (m, 3).
+            weights: of the squared residuals of each, shape (m, n) or (n,).
+        """
+        count = starts.shape[1]
+        return self._steps(starts, weights, np.eye(count), np.ones(count))
+
+    def _steps(
+        self, starts: Array, weights: Array, directions: Array, precision: Array
+    ) -> Array:
+        """Steps (m, k) of least squares from m starts (m, k), see `nearest` and `_fits`."""
+        weight_roots = np.sqrt(weights)[..., None, :]
         prior_roots = np.sqrt(precision)
 
         def misses(steps: Array) -> Array:
-            residuals = self.residuals(directions @ steps)
-            return np.concatenate([weight_roots * residuals, prior_roots * steps])
+            residuals = weight_roots * self.residuals(steps @ directions.T)
+            return np.concatenate([residuals, prior_roots * steps], axis=-1)
 
-        def jacobian(steps: Array) -> Array:
-            slopes = weight_roots[:, None] * self.slopes(directions @ steps)
-            return np.vstack([slopes @ directions, np.diag(prior_roots)])
-
-        fit = least_squares(misses, start, jacobian, method="lm")
-        return np.asarray(directions @ fit.x)
+        count = starts.shape[1]
+        everywhere = np.tile([-np.inf, np.inf], (count, 1))
+        squares = LeastSquares(misses, everywhere, np.full(count, _STEP))
+        return squares.fitted(starts)[0]
 
     def better_half(self, residuals: Array) -> Mask:
         """Which samples (..., n) hold the least residuals and, just, the most of the votes."""
@@ -258,23 +272,28 @@ class RobustProblem(Problem):
         )
         starts = self.prior.change(from_scaled(annealed.ends[:_STARTS]))
         in_service = np.zeros(len(PARAMETER_NAMES))
-        fits = [few._concentrated(start) for start in (*starts, in_service)]
-        losses = [trimmed_mean(fit) for fit in fits]
-        return fits[int(np.argmin(losses))]
+        fits = few._concentrated(np.vstack([starts, in_service]))
+        return np.asarray(fits[int(np.argmin(trimmed_mean(fits)))])
 
-    def _concentrated(self, change: Array) -> Array:
-        """Fit the better half of the samples, and again the better half under that fit."""
-        fitted = None
+    def _concentrated(self, changes: Array) -> Array:
+        """Fit the better half of the samples, and again the better half under that fit.
+
+        Args:
+            changes: starts, each with its own better half, shape (m, 3).
+        """
+        changes = changes.copy()
+        fitted = np.zeros((len(changes), len(self.samples)), dtype=bool)
         for _ in range(_CONCENTRATIONS):
-            residuals = self.residuals(change)
+            residuals = self.residuals(changes)
             better = self.better_half(residuals)
-            if fitted is not None and (better == fitted).all():
+            changed = np.flatnonzero((better != fitted).any(axis=1))
+            if not changed.size:
                 break
             fitted = better
             half = self.votes * better
-            weights = half / self.scatter(residuals, half) ** 2
-            change = self.least_squares(change, weights)
-        return change
+            weights = half / self.scatter(residuals, half)[:, None] ** 2
+            changes[changed] = self._fits(changes[changed], weights[changed])
+        return changes
 
 
 def _leverage(slopes: Array, weights: Array) -> Array:

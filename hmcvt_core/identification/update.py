@@ -93,13 +93,8 @@ class Update:
         if free is not None:
             # The samples add to what is known of the scatter.
             free += float(problem.votes.sum())
-        return replace(
-            model,
-            degrees_of_freedom=free,
-            standard_errors=dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True)),
-            intervals={},
-            correlation=covariance / np.outer(spread, spread),
-        )
+        errors = dict(zip(PARAMETER_NAMES, spread.tolist(), strict=True))
+        return model.with_errors(errors, covariance / np.outer(spread, spread), free)
 
     def _covariance(self, prior: Prior) -> Array:
         """Covariance of the parameters in their units, shape (3, 3)."""

@@ -215,6 +215,27 @@ class EfficiencyModel:
             raise InputError(refusal)
         return solver
 
+    def with_errors(
+        self,
+        standard_errors: Mapping[str, float],
+        correlation: Array | None,
+        degrees_of_freedom: float | None = None,
+    ) -> EfficiencyModel:
+        """Return the model with other errors of its parameters, without intervals of another fit.
+
+        Args:
+            standard_errors: by name, in the units of the parameters; empty where not known.
+            correlation: of the parameters, shape (3, 3); None where not known.
+            degrees_of_freedom: of the scatter in the errors; None for normal errors.
+        """
+        return replace(
+            self,
+            standard_errors=standard_errors,
+            correlation=correlation,
+            degrees_of_freedom=degrees_of_freedom,
+            intervals={},
+        )
+
     def without_meters(self) -> EfficiencyModel:
         """Return the model of the transmission alone, without errors of the bench's meters."""
         physical = tuple(
@@ -565,9 +586,8 @@ class EfficiencyModel:
             value = getattr(self.parameters, limits.name)
             error = half * self.standard_errors[limits.name]
             below, above = error, error
-            low, high = self.intervals.get(limits.name, (math.inf, -math.inf))
-            # Parameters that were changed since may lie outside.
-            if low <= value <= high:
+            if limits.name in self._fitted_intervals:
+                low, high = self._fitted_intervals[limits.name]
                 scale = half / half_width(self.degrees_of_freedom)
                 below, above = scale * (value - low), scale * (high - value)
             intervals[limits.name] = (
@@ -575,6 +595,14 @@ class EfficiencyModel:
                 min(value + above, limits.high),
             )
         return intervals
+
+    @cached_property
+    def _fitted_intervals(self) -> Mapping[str, tuple[float, float]]:
+        """`intervals`, unless a parameter was changed since and lies outside its own."""
+        for name, (low, high) in self.intervals.items():
+            if not low <= getattr(self.parameters, name) <= high:
+                return {}
+        return self.intervals
 
     def sensitivity(self, *point: Any) -> tuple[Any, Array]:
         """Efficiency, and its change by one standard error of each parameter, shape (..., 3).
@@ -852,9 +880,10 @@ class EfficiencyModel:
             "formulation": self.formulation,
             "parameters": self.parameters.to_mapping(self.standard_errors),
         }
-        if self.intervals:
+        if self._fitted_intervals:
             data["interval_90"] = {
-                name: list(map(float, ends)) for name, ends in self.intervals.items()
+                name: list(map(float, ends))
+                for name, ends in self._fitted_intervals.items()
             }
         if self.correlation is not None:
             data["correlation"] = np.asarray(self.correlation).round(6).tolist()

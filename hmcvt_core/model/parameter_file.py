@@ -204,7 +204,7 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
-        intervals=_intervals(file.section("interval_90"))
+        intervals=_intervals(file.section("interval_90"), values)
         if "interval_90" in data
         else {},
         misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
@@ -243,12 +243,19 @@ def _domain(entry: Section) -> Domain:
     return Domain(*(_pair(entry, axis) for axis in AXES))
 
 
-def _intervals(entry: Section) -> dict[str, tuple[float, float]]:
+def _intervals(
+    entry: Section, values: Sequence[float]
+) -> dict[str, tuple[float, float]]:
+    """Read the interval of each parameter, which holds its value; both in order of the names."""
     intervals = {name: _pair(entry, name) for name in PARAMETER_NAMES}
-    for name, (low, high) in intervals.items():
+    for (name, (low, high)), value in zip(intervals.items(), values, strict=True):
+        field = f"{entry.where}{name} = [{low!r}, {high!r}]"
         if low > high:
+            raise InputError(f"{field}: low is above high")
+        if not low <= value <= high:
             raise InputError(
-                f"{entry.where}{name} = [{low!r}, {high!r}]: low is above high"
+                f"{field} does not hold parameters.{name} = {value!r}; remove interval_90 if the "
+                "parameter was changed on purpose"
             )
     return intervals
 

@@ -31,6 +31,11 @@ _TAKE_OFF = 50.0
 _IDLE = ENGINE_SPEED.low
 _SECOND_STAGE = 0.5
 """Standard deviation, in the difference between two stages that may both be engaged."""
+_STATED_STAGE = 1.0
+"""The same where the bus names one of them: the interval then holds the load of the other, too."""
+_SAME_STROKE = 0.05
+"""Two stages cannot be told apart if they miss the measured displacement ratio by amounts that
+differ by less; a worn machine shifts both by up to 0.2 (development drives)."""
 _INVERSIONS = 30
 """Bisections for the torque behind a fuel rate."""
 
@@ -223,6 +228,9 @@ class Estimator:
         at = Inputs(*(column[rows] for column in inputs))
         stroke = values.get("displacement_ratio")
         stated = values.get("stage")
+        is_stated = np.zeros(len(rows), dtype=bool)
+        if stated is not None:
+            is_stated = stated[rows] != ""
         first, second = self.stages.engaged(
             at.output_speed / at.engine_speed,
             None if stroke is None else stroke[rows],
@@ -232,14 +240,26 @@ class Estimator:
         likely = self._solve(at, first, oil)
         other = self._solve(at, second, oil)
         better = np.isnan(likely.load_torque) & np.isfinite(other.load_torque)
+        better &= ~is_stated
+        nearer = np.zeros(len(rows))
+        if stroke is not None:
+            nearer = _nearer_stroke(likely, other, stroke[rows])
+        # The bus contradicts itself: its displacement ratio is that of another stage.
+        refuted = is_stated & (nearer > _SAME_STROKE)
+        likely = likely._replace(
+            load_torque=np.where(refuted, np.nan, likely.load_torque)
+        )
+        is_certain = is_stated & (nearer < -_SAME_STROKE)
         solved = self._unsolved(count)
         for column, one, two in zip(solved, likely, other, strict=True):
             column[..., rows] = np.where(better, two, one)
         stage = np.full(count, -1)
         stage[rows] = np.where(better, second, first)
-        apart = np.zeros(count)
-        apart[rows] = np.nan_to_num(np.abs(likely.load_torque - other.load_torque))
-        return _Engaged(solved, stage, _SECOND_STAGE * apart)
+        apart = np.nan_to_num(np.abs(likely.load_torque - other.load_torque))
+        part = np.where(is_stated, _STATED_STAGE, _SECOND_STAGE)
+        deviation = np.zeros(count)
+        deviation[rows] = np.where(is_certain, 0.0, part * apart)
+        return _Engaged(solved, stage, deviation)
 
     def _unsolved(self, count: int) -> Solved:
         """Return a result without any load."""
@@ -330,6 +350,16 @@ class _Engaged(NamedTuple):
     solved: Solved
     stage: NDArray[np.intp]
     load_deviation: Array
+
+
+def _nearer_stroke(likely: Solved, other: Solved, measured: Array) -> Array:
+    """Return by how much another stage is nearer to measured displacement ratios, shape (n,).
+
+    0 where one of them is not known.
+    """
+    miss = np.abs(likely.displacement_ratio - measured)
+    other_miss = np.abs(other.displacement_ratio - measured)
+    return np.nan_to_num(miss - other_miss)
 
 
 def torque_of_fuel(engine: Engine, engine_speed: Array, fuel_rate: Array) -> Array:

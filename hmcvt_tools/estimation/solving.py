@@ -264,6 +264,8 @@ class Stages:
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the stage of each row by number, and a second one that it may be; -1 for none.
 
+        A stated stage is the first; the second is then the one that fits best without it.
+
         Args:
             ratio: output speed / engine speed [-], shape (n,).
             displacement_ratio: as measured [-], shape (n,), or None.
@@ -283,9 +285,11 @@ class Stages:
         if stated is not None:
             numbers = {name: number for number, name in enumerate(self.solvers)}
             names, index = np.unique(stated, return_inverse=True)
-            known = np.array([numbers.get(str(name), -1) for name in names])[index]
-            second = np.where(known >= 0, -1, second)
-            first = np.where(known >= 0, known, first)
+            of_name = [numbers.get(str(name), -1) for name in names]
+            number = np.array(of_name, dtype=np.intp)[index]
+            is_stated = number >= 0
+            second = np.where(is_stated & (first != number), first, second)
+            first = np.where(is_stated, number, first)
         return first, second
 
     def _distances(self, ratio: Array, displacement_ratio: Array | None) -> Array:

@@ -149,11 +149,8 @@ def in_transmission(
             ),
             parameters=model.parameters,
             effects=model.effects,
-            standard_errors={},
-            intervals={},
-            correlation=None,
             domain=None,
-        )
+        ).with_errors({}, None)
     return model
 
 

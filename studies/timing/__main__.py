@@ -14,7 +14,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import hmcvt_core as hmcvt
 from studies.page import Run, busy_cores, goal_table, machine, render
 
-from . import calls, drive_line, fitting, point
+from . import calls, compiled, drive_line, fitting, point
 
 
 def main() -> int:
@@ -36,6 +36,8 @@ def main() -> int:
         calls.section(given.quick),
         drive_line.section(*[8] if given.quick else []),
         fitting.section(given.quick),
+        # Last: it meters functions of the core.
+        compiled.section(given.quick),
     ]
     goals = [goal for section in sections for goal in section.goals]
     run = Run(

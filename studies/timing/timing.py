@@ -22,16 +22,17 @@ def in_turns(turns: int, calls: Mapping[str, Callable[[], Any]], of: int = 1) ->
     """Time calls again and again, each once a turn; an untimed turn comes first.
 
     Returns:
-        Seconds by name, one for each turn; of one piece of work where a call does `of` of them.
+        Seconds of the processor by name, one for each turn; of one piece of work where a call does
+        `of` of them.
     """
     times: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(turns + 1):
         for name, call in calls.items():
             gc.collect()
             gc.disable()
-            start = time.perf_counter()
+            start = time.process_time()
             call()
-            spent = time.perf_counter() - start
+            spent = time.process_time() - start
             gc.enable()
             if turn:
                 times[name].append(spent / of)

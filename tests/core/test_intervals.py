@@ -307,6 +307,22 @@ def test_file_keeps_the_intervals(four, tmp_path):
     (tmp_path / "m.yaml").write_text("\n".join(exchanged))
     with pytest.raises(InputError, match=r"pump_damping = .*: low is above high"):
         load_model(tmp_path / "m.yaml")
+    elsewhere = [line.replace("[0.1]", "[5.0, 6.0]") for line in damaged]
+    (tmp_path / "m.yaml").write_text("\n".join(elsewhere))
+    message = (
+        r"m\.yaml: interval_90\.pump_damping = \[5\.0, 6\.0\] does not hold parameters"
+    )
+    with pytest.raises(InputError, match=message):
+        load_model(tmp_path / "m.yaml")
+
+
+def test_file_of_changed_parameters_leaves_their_former_intervals_out(four, tmp_path):
+    moved = replace(four.model.parameters, pump_damping=1.0)
+    changed = replace(four.model, parameters=moved)
+    save_model(changed, tmp_path / "m.yaml")
+    loaded = load_model(tmp_path / "m.yaml")
+    assert not loaded.intervals
+    assert loaded.parameter_intervals() == changed.parameter_intervals()
 
 
 def test_changed_parameters_have_the_intervals_of_their_errors(four):

@@ -72,7 +72,7 @@ def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
     rmse = np.sqrt(np.mean(found.residuals**2))
     assert found.gap.rmse == pytest.approx(rmse)
     # A constant torque of 8 N m at these loads.
-    assert rmse > 2.0 * found.delivered.rmse_after
+    assert rmse > 1.8 * found.delivered.rmse_after
     shares = shares_of_range(fitted(campaign(seed=1, **CASES[name])))
     over_the_range = np.sqrt(shares @ found.residuals**2)
     assert found.shrinkage.before == pytest.approx(

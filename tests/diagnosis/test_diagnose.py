@@ -105,7 +105,8 @@ def test_unlisted_band_of_speed():
     assert common / (max(high, BAND[1]) - min(low, BAND[0])) > 0.5
     assert found.where[0].mean_residual < 0.0
     assert found.where[0].p_value < 0.05
-    assert found.model is found.base, "nothing is added to a model on suspicion"
+    assert found.delivered.kind == "average"
+    assert found.delivered.rmse_after < 0.9 * found.delivered.rmse_before
 
 
 @pytest.mark.long

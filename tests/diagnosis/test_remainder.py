@@ -71,7 +71,7 @@ def test_without_the_remainder_the_base_is_left(unexplained):
 def test_the_error_grows_away_from_the_tests(unexplained):
     inside = unexplained.model.predict(0.3, 150.0, 200.0).standard_error
     outside = unexplained.model.predict(0.3, 320.0, 200.0).standard_error
-    assert outside > 1.1 * inside
+    assert outside > 1.05 * inside
 
 
 def test_the_remainder_fades_outside_the_tests(unexplained):

@@ -11,6 +11,7 @@ from cli.running import run
 import hmcvt_core as hmcvt
 import hmcvt_tools
 from studies.road.bus import MAKER, Faults, encode, in_order
+from studies.road.conditions import Condition, scores_in
 from studies.road.drive import drive, machine_of
 from studies.road.scoring import scored, well_known
 
@@ -106,6 +107,20 @@ def test_error_and_interval(driven, tmp_path, with_unit):
     assert score.stage_right.mean() > 0.97
     assert abs(score.energy) < 0.06 and score.energy_inside
     assert score.coverage > 0.95
+
+
+def test_wrong_stage_near_the_ratio_where_two_meet():
+    """Half of this drive is near full stroke of HM3, and the bus names HM4.
+
+    Intervals of HM4 alone held 1 % of the true powers there.
+    """
+    right, wrong = (
+        scores_in(Condition("", wrong_stage=named), [1], 1.0)[0]
+        for named in (False, True)
+    )
+    assert right.coverage > 0.98
+    assert wrong.coverage < 0.45
+    assert wrong.slow_inside.mean() > 0.8
 
 
 def test_candump_gives_the_same(recorded):

@@ -229,15 +229,11 @@ class Transmission:
         if covariance is not None:
             errors, correlation = hydraulic_errors(base, covariance)
         return replace(
-            self._refitted(base, effects),
-            standard_errors=errors,
-            intervals={},
-            correlation=correlation,
+            self._refitted(base, effects).with_errors(errors, correlation),
             domain=Domain.of(samples),
             units={},
             misfit=0.0,
             remainder_deviation=0.0,
-            degrees_of_freedom=None,
             provenance={
                 "source": "hmcvt diagnose",
                 "data": os.path.basename(samples.source),

@@ -54,12 +54,8 @@ def put_into(model: EfficiencyModel, unit: UnitDiagnosis) -> EfficiencyModel:
     )
     of_the_other = tuple(effect for effect in model.effects if effect.part != kind)
     return replace(
-        model,
+        model.with_errors(errors, np.eye(len(PARAMETER_NAMES))),
         parameters=parameters,
-        standard_errors=errors,
-        intervals={},
-        correlation=np.eye(len(PARAMETER_NAMES)),
-        degrees_of_freedom=None,
         effects=(*of_the_other, *_effects_of_the_pair(model, unit, scale)),
         units=tested,
         provenance={**model.provenance, "source": "hmcvt unit"},
