@@ -26,12 +26,7 @@ REFUSED = {
     "advice asks": (
         ["-r", "advice:=operating_point"],
         {},
-        "operating_point is the name of 2",
-    ),
-    "optimum as input": (
-        ["-r", "optimal_displacement_ratio:=displacement_ratio"],
-        {},
-        "displacement_ratio is the name of 2 topics",
+        "operating_point is the name of 2 topics",
     ),
     "two services in one": (
         ["-r", "~/reidentify:=job", "-r", "~/cancel:=job"],
@@ -44,7 +39,6 @@ REFUSED = {
         {},
         "engine_speed is the name",
     ),
-    "progress as stage": (["-r", "~/progress:=stage"], {}, "stage is the name of 2"),
     "qos of another type": (
         ["-p", "qos_overrides./efficiency.publisher.depth:=many"],
         {},
