@@ -44,7 +44,7 @@ from . import interfaces, messages, parameters, qos
 from .actions import Actions
 from .bench_log import BenchLog
 from .clocks import CLOCK_TOPIC, AgeClock, Arrival, SimulatedClock, SteadyClock
-from .diagnostics import Activity, gap_status, inputs_status, model_status
+from .diagnostics import Activity, ChangeFilter, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
 from .guard import Guard, Log
 from .inputs import (
@@ -220,6 +220,7 @@ class EfficiencyNode(Node):
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
         self._store = ModelStore(Path(model_file), folder)
         self._activity = Activity()
+        self._change_filter = ChangeFilter()
         self._log = self._recorder(folder)
         self._resources.callback(self._close_log)
         self._last_output = -math.inf
@@ -858,7 +859,7 @@ class EfficiencyNode(Node):
         }
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        array.status = [
+        statuses = (
             inputs_status(
                 name,
                 self._public,
@@ -881,7 +882,12 @@ class EfficiencyNode(Node):
                 self._settings,
             ),
             gap_status(name, self._public, self._watch.found),
-        ]
+        )
+        array.status = self._change_filter.reduce(
+            statuses,
+            time.monotonic(),
+            self._diagnostics_publisher.get_subscription_count(),
+        )
         self._diagnostics_publisher.publish(array)
         self._inputs.apart_reason = ""
         self._inputs.asked = None
