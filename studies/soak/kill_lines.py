@@ -2,8 +2,8 @@
 """A kill before every single line of the code that writes files.
 
 Random moments rarely meet the short ones, such as that between two renames; this meets them all.
-What a kill leaves depends on the files alone, so the lines before which they have changed are enough
-for a short trial.
+What a kill leaves depends on the files alone, so a short trial takes the lines before which they
+have changed.
 """
 
 import functools

@@ -80,7 +80,7 @@ def test_change_beyond_wear_waits_for_a_person(node, base):
 
 
 def test_steps_within_the_limit_do_not_add_up(node, base):
-    samples = campaign(base, 24, 0)
+    samples = campaign(base, 40, 0)
     sent = []
     for points in (0.025, 0.05, 0.075):
         node.player.call("clear_samples")
