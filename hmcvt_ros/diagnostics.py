@@ -229,6 +229,7 @@ def inputs_status(
         values[f"{key} age [s]"] = _NOTHING if age is None else f"{age:.3f}"
         values[f"{key} age limit [s]"] = f"{limit * NANOSECONDS:g}"
         values.update(item.tally.values(key))
+        values[f"{key} lost"] = item.numbers.missing
     text = "three fresh inputs"
     if inputs.asked:
         if all(item.stamp is None for item in inputs.by_name.values()):

@@ -58,6 +58,7 @@ from .inputs import (
 )
 from .maps import Maps
 from .model_store import ModelStore
+from .numbering import Numbers
 from .outputs import ADVICE, ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
@@ -237,6 +238,7 @@ class EfficiencyNode(Node):
         self._stage = ""  # the stage engaged; empty before it is known
         self._session: int | None = None  # of the bench; None before it is known
         self._points = Tally(POINT_REASONS)
+        self._point_numbers = Numbers()
         self.ticks = 0
         # The callback lives as long as the handle is held.
         self._jumps = self.get_clock().create_jump_callback(
@@ -545,6 +547,7 @@ class EfficiencyNode(Node):
             # Guarded here rather than by a wrapper: this runs at every message.
             try:
                 arrival = self._ages.arrival(info["received_timestamp"])
+                item.numbers.take(info["publication_sequence_number"])
                 if not item.take(message.data, arrival):
                     self.guard.warn(name, item.tally.complaint)
                 self._output_due = True
@@ -599,7 +602,8 @@ class EfficiencyNode(Node):
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         arrival = self._ages.arrival(info["received_timestamp"])
-        message = JointState()
+        self._point_numbers.take(info["publication_sequence_number"])
+        message: JointState | None = None
 
         def read() -> interfaces.Question:
             nonlocal message
@@ -612,7 +616,7 @@ class EfficiencyNode(Node):
         transmission = self._served.model
         self._outputs.advise(
             served or Served(transmission, transmission, None),
-            message,
+            message or JointState(),
             point,
             self._settings,
             stage_known=served is not None,
@@ -852,6 +856,7 @@ class EfficiencyNode(Node):
             "points not answered, coasting": self._inputs.coasting,
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
+            "operating points lost": self._point_numbers.missing,
             "oil temperature [deg C]": self._oil_in_words(now),
             "session": "unknown" if self._session is None else self._session,
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
