@@ -189,11 +189,13 @@ def test_diagnosis_of_the_node_is_that_of_the_command_line(
     truth = replace(base, effects=(OilTemperature(1.5),))
     read = truth.readings_at(points)
     pressure = read["pressure"]
+    charge = np.round(rng.uniform(1.9e6, 2.3e6, len(samples)), -3)
     samples = replace(
         samples,
         efficiency=read["efficiency"] + rng.normal(0.0, 0.002, len(samples)),
         output_speed=read["output_speed"],
         pressure=pressure,
+        charge_pressure=charge,
         oil_temperature=temperature,
         stamp=1000.0 + 60.0 * np.arange(len(samples)),
         extra={"session": tuple(str(i // 15) for i in range(len(samples)))},
@@ -205,11 +207,16 @@ def test_diagnosis_of_the_node_is_that_of_the_command_line(
             shaft_message(samples, i),
             oil_temperature=temperature[i],
             pressure=pressure[i],
+            charge_pressure=charge[i],
             session=i // 15,
         )
         sent.header.stamp.sec = round(samples.stamp[i])
         node.player.send_sample(sent)
     assert node.comes(lambda: node.logged() == len(samples), 20.0)
+    logged = jobs.bench_of(node.bench_file)
+    assert logged.columns.keys() == samples.columns.keys()
+    for name, values in samples.columns.items():
+        np.testing.assert_allclose(logged.columns[name], values, rtol=1e-12)
     answer = node.player.call("diagnose").data
     command = ["diagnose", str(tmp_path / "bench.csv"), "--noise", "0.002", "--json"]
     with pytest.raises(SystemExit):

@@ -147,6 +147,7 @@ def test_sample_is_logged_with_all_that_it_states(messages, typed_node):
     sample.efficiency_std = [0.002]
     sample.oil_temperature = [71.0]
     sample.pressure = [2e7]
+    sample.charge_pressure = [2.2e6]
     sample.session = [3]
     sender.publish(sample)
     sample.header.stamp.sec = 1120
@@ -158,6 +159,7 @@ def test_sample_is_logged_with_all_that_it_states(messages, typed_node):
     assert bench.extra["stated_std"] == ("", "0.002")
     assert bench.extra["stated_oil_temperature"] == ("", "71.0")
     assert bench.extra["stated_pressure"] == ("", "20000000.0")
+    assert bench.extra["stated_charge_pressure"] == ("", "2200000.0")
     assert bench.extra["stated_session"] == ("", "3")
     assert typed_node.says("engine speed 0 rad/s must be positive")
 
