@@ -83,6 +83,29 @@ def test_mistake_at_the_start_is_one_line_and_exit_code_2(case, environment, tmp
     assert last.startswith("hmcvt: error: ") and words in last
 
 
+@pytest.mark.parametrize("full", [True, False])
+def test_parameter_file_on_a_pipe_is_refused(full, environment, tmp_path):
+    """Full, as of `<(...)`, or one that nobody writes to."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDWR) if full else None
+    if end is not None:
+        os.write(end, b"/**:\n  ros__parameters:\n    input_timeout: -1.0\n")
+    ended = subprocess.run(
+        command(arguments=("--params-file", str(pipe))),
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if end is not None:
+        os.close(end)
+    assert ended.returncode == 2
+    words = f"hmcvt: error: --params-file {pipe}: is no regular file\n"
+    assert ended.stderr == words
+
+
 def test_relative_file_in_a_working_directory_that_is_gone(environment, tmp_path):
     start = [*IN_NO_FOLDER, str(tmp_path / "gone"), *command("model_file:=my.yaml")]
     ended = subprocess.run(
