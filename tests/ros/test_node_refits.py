@@ -272,6 +272,7 @@ from hmcvt_ros import jobs
 bench = Path({str(hmcvt.data_path("data/table2.csv"))!r})
 answer = jobs.diagnose(bench, Path({str(paper_file)!r}), 0, Path({str(tmp_path)!r}))
 assert answer["report"] is None and answer["verdict"], answer
+assert [path.name for path in Path({str(tmp_path)!r}).iterdir()] == ["0001.json"]
 print(answer["report_error"])
 """
     ended = subprocess.run(
