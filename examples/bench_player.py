@@ -86,8 +86,8 @@ class BenchPlayer(Node):
         efficiencies, optima: values received since the last `hold`.
         model_text: last YAML of `~/model`, None before the first.
         map: last message of `~/efficiency_map`, None before the first.
-        statuses: last diagnostics by the last word of the name (`inputs`, `model`), each with
-            `level`, `message` and `values`.
+        statuses: last diagnostics by the last word of the name (`inputs`, `model`, `gap`), each
+            with `level`, `message` and `values`, the last value of every key so far.
     """
 
     def __init__(self, context: Context | None = None, namespace: str = "") -> None:
@@ -97,6 +97,7 @@ class BenchPlayer(Node):
         self.model_text: str | None = None
         self.map: Float64MultiArray | None = None
         self.statuses: dict[str, Any] = {}
+        self._values: dict[str, dict[str, str]] = {}
         self._spinner = SingleThreadedExecutor(context=context)
         self._spinner.add_node(self)
         self._inputs = [
@@ -119,7 +120,8 @@ class BenchPlayer(Node):
                 lambda m: self.optima.append(m.data),
                 qos.OUTPUT,
             ),
-            (DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.DIAGNOSTICS),
+            # A value comes in the message in which it has changed, so that none may be missed.
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, 100),
             # Last: their messages show that the node knows the earlier subscriptions.
             (
                 String,
@@ -263,8 +265,11 @@ class BenchPlayer(Node):
         mine = f"{self.get_namespace()}/hmcvt: ".replace("//", "/").lstrip("/")
         for status in message.status:
             if status.name.startswith(mine):
-                self.statuses[status.name.removeprefix(mine)] = {
+                part = status.name.removeprefix(mine)
+                values = self._values.setdefault(part, {})
+                values.update((pair.key, pair.value) for pair in status.values)
+                self.statuses[part] = {
                     "level": status.level,
                     "message": status.message,
-                    "values": {pair.key: pair.value for pair in status.values},
+                    "values": dict(values),
                 }

@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The three statuses of the node on /diagnostics: its inputs, its model and the gap."""
 
+import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from hmcvt_core import Opening
 
-from .inputs import NANOSECONDS, Inputs, OperatingPoint, State
+from .inputs import INPUT_RANGES, NANOSECONDS, Inputs, OperatingPoint, State
 from .model_store import InService
 from .parameters import Settings, changes
 from .public_text import PublicText
@@ -28,6 +29,74 @@ LEVELS = {
 """Level of `inputs` by the state of an input."""
 _FROM_GOOD_TO_BAD = list(State)
 _NOTHING = "-"
+
+_EACH_INPUT = ("state", "age [s]")
+ALWAYS = {
+    "inputs": (
+        *(f"{limits.name} {word}" for limits in INPUT_RANGES for word in _EACH_INPUT),
+        "points answered",
+    ),
+    "model": (
+        "file",
+        "fingerprint",
+        "bench samples logged",
+        "last refit",
+        "staged refit",
+        "last diagnosis",
+        "running",
+    ),
+    "gap": ("samples", "open"),
+}
+"""Keys that every message has, by the status."""
+ALL_EVERY = 60.0
+"""Time between two messages with all keys, for those that missed one [s]; chosen by us."""
+NEW_LISTENER = 5.0
+"""Time for which all messages have all keys when somebody begins to listen [s]; chosen by us."""
+
+
+class ChangeFilter:
+    """Leaves out of the statuses what the last message had already.
+
+    A status has the keys of `ALWAYS` and those whose values have changed since the last message. It
+    has all keys while its level is not OK, for `NEW_LISTENER` after somebody begins to listen, and
+    once in `ALL_EVERY`.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, str]] = {}
+        self._listeners = 0
+        self._all_until = -math.inf
+        self._all_next = -math.inf
+
+    def reduce(
+        self, statuses: Iterable[DiagnosticStatus], now: float, listeners: int
+    ) -> list[DiagnosticStatus]:
+        """Return statuses without what their last message had already.
+
+        Args:
+            statuses: statuses with all keys.
+            now: time by a steady clock [s].
+            listeners: count of the subscribers.
+        """
+        if listeners > self._listeners:
+            self._all_until = now + NEW_LISTENER
+        self._listeners = listeners
+        complete = now <= self._all_until or now >= self._all_next
+        if complete:
+            self._all_next = now + ALL_EVERY
+        reduced = []
+        for status in statuses:
+            part = status.name.rpartition(": ")[2]
+            known = self._known.get(part, {})
+            self._known[part] = {pair.key: pair.value for pair in status.values}
+            if not complete and status.level == DiagnosticStatus.OK:
+                status.values = [
+                    pair
+                    for pair in status.values
+                    if pair.key in ALWAYS[part] or pair.value != known.get(pair.key)
+                ]
+            reduced.append(status)
+        return reduced
 
 
 @dataclass
@@ -160,6 +229,7 @@ def inputs_status(
         values[f"{key} age [s]"] = _NOTHING if age is None else f"{age:.3f}"
         values[f"{key} age limit [s]"] = f"{limit * NANOSECONDS:g}"
         values.update(item.tally.values(key))
+        values[f"{key} lost"] = item.numbers.missing
     text = "three fresh inputs"
     if inputs.asked:
         if all(item.stamp is None for item in inputs.by_name.values()):

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import itertools
 import os
 import signal
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -66,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The thread that waits for disks also reads and maps models; an answer must not wait for it.
     sys.setswitchinterval(_SWITCH_INTERVAL)
     try:
+        _require_parameter_files(given)
         other = remove_ros_args(given)[1:]
         if other[:1] in (["-h"], ["--help"]):
             print(usage())
@@ -109,6 +112,24 @@ def _require_domain() -> None:
     domain = os.environ.get("ROS_DOMAIN_ID", "").strip()
     if domain and not (domain.isdecimal() and int(domain) <= HIGHEST_DOMAIN):
         raise ValueError(f"ROS_DOMAIN_ID = {domain}; allowed 0 to {HIGHEST_DOMAIN}")
+
+
+def _require_parameter_files(arguments: Sequence[str]) -> None:
+    """Refuse a parameter file that is a pipe: ROS reads it whenever it looks at the arguments.
+
+    The second time it is empty, and its parameters have no effect; or ROS waits for a writer for
+    ever.
+
+    Args:
+        arguments: command line.
+
+    Raises:
+        ValueError: a file is no regular file.
+    """
+    for option, name in itertools.pairwise(arguments):
+        path = Path(name)
+        if option == "--params-file" and path.exists() and not path.is_file():
+            raise ValueError(f"--params-file {name}: is no regular file")
 
 
 def _in_words(error: Exception) -> str:

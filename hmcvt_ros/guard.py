@@ -138,7 +138,11 @@ class Guard:
     """
 
     def __init__(self, node: Node, log: Log) -> None:
-        """Guard everything that rclpy has created in a node by itself."""
+        """Guard everything that rclpy has created in a node by itself.
+
+        ROS has no other way than to exchange the attribute `callback`; a test names the version of
+        rclpy for which it was tried.
+        """
         self.contained = 0
         self.log = log
         self._entries = Budget(ENTRIES_PER_SECOND)

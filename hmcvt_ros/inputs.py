@@ -16,6 +16,7 @@ from hmcvt_core.interface import (
 )
 
 from .clocks import Arrival
+from .numbering import Numbers
 
 INPUT_RANGES = POINT_RANGES
 STROKE_TOLERANCE = 0.02
@@ -115,6 +116,7 @@ class Input:
         arrival: when the last message was received, None before the first.
         stamp: the same by the clock that ages follow [ns].
         tally: what became of its messages.
+        numbers: counts those that were lost on the way.
     """
 
     limits: Range
@@ -122,6 +124,7 @@ class Input:
     arrival: Arrival | None = None
     stamp: int | None = None
     tally: Tally = field(default_factory=lambda: Tally(REASONS))
+    numbers: Numbers = field(default_factory=Numbers)
 
     def take(self, value: float, arrival: Arrival) -> bool:
         """Take a message; return False when its value is refused, for the reason in the tally."""

@@ -17,10 +17,10 @@ from hmcvt_core import InputError
 from hmcvt_core.interface import OIL_TEMPERATURE
 
 from .inputs import INPUT_RANGES, OperatingPoint, Tally, coasting, tolerated
-from .messages import RAW_LIMIT, SESSION
+from .messages import CHANNELS, RAW_LIMIT, SESSION
 from .shafts import DISPLACEMENT, ENGINE, OUTPUT
 
-_STATED = ("efficiency_std", OIL_TEMPERATURE.name, "pressure", SESSION)
+_STATED = (*(column.name for column in CHANNELS), SESSION)
 """Fields of a BenchSample of at most one value that are joints of the standard message."""
 
 

@@ -262,8 +262,12 @@ def diagnose(
     answer = {**diagnosis.to_dict(), "left_out": left_out(bench)}
     try:
         path = next_name(reports, PAGES, PAGE_DATA).with_suffix(".html")
-        write_atomically(path.with_suffix(".json"), json.dumps(plain(answer)) + "\n")
-        hmcvt_tools.write_html(diagnosis, path)
+        try:
+            # First, for it takes longest: a job that is begun again meanwhile leaves nothing.
+            hmcvt_tools.write_html(diagnosis, path)
+        finally:
+            data = json.dumps(plain(answer)) + "\n"
+            write_atomically(path.with_suffix(".json"), data)
     except Exception as error:
         # Of any kind, such as a full disk or no Jinja2: the answer is worth more than the page.
         reason = str(error)

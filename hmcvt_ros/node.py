@@ -44,7 +44,7 @@ from . import interfaces, messages, parameters, qos
 from .actions import Actions
 from .bench_log import BenchLog
 from .clocks import CLOCK_TOPIC, AgeClock, Arrival, SimulatedClock, SteadyClock
-from .diagnostics import Activity, gap_status, inputs_status, model_status
+from .diagnostics import Activity, ChangeFilter, gap_status, inputs_status, model_status
 from .frames import is_coordinate_frame
 from .guard import Guard, Log
 from .inputs import (
@@ -58,6 +58,7 @@ from .inputs import (
 )
 from .maps import Maps
 from .model_store import ModelStore
+from .numbering import Numbers
 from .outputs import ADVICE, ASSUMED_OIL, Outputs, Served, depends_on_oil
 from .public_text import PublicText
 from .recorder import INVALID, NOT_WRITTEN, Recorder
@@ -220,6 +221,7 @@ class EfficiencyNode(Node):
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
         self._store = ModelStore(Path(model_file), folder)
         self._activity = Activity()
+        self._change_filter = ChangeFilter()
         self._log = self._recorder(folder)
         self._resources.callback(self._close_log)
         self._last_output = -math.inf
@@ -236,6 +238,7 @@ class EfficiencyNode(Node):
         self._stage = ""  # the stage engaged; empty before it is known
         self._session: int | None = None  # of the bench; None before it is known
         self._points = Tally(POINT_REASONS)
+        self._point_numbers = Numbers()
         self.ticks = 0
         # The callback lives as long as the handle is held.
         self._jumps = self.get_clock().create_jump_callback(
@@ -544,6 +547,7 @@ class EfficiencyNode(Node):
             # Guarded here rather than by a wrapper: this runs at every message.
             try:
                 arrival = self._ages.arrival(info["received_timestamp"])
+                item.numbers.take(info["publication_sequence_number"])
                 if not item.take(message.data, arrival):
                     self.guard.warn(name, item.tally.complaint)
                 self._output_due = True
@@ -598,7 +602,8 @@ class EfficiencyNode(Node):
 
     def _on_operating_point(self, raw: bytes, info: Mapping[str, int]) -> None:
         arrival = self._ages.arrival(info["received_timestamp"])
-        message = JointState()
+        self._point_numbers.take(info["publication_sequence_number"])
+        message: JointState | None = None
 
         def read() -> interfaces.Question:
             nonlocal message
@@ -611,7 +616,7 @@ class EfficiencyNode(Node):
         transmission = self._served.model
         self._outputs.advise(
             served or Served(transmission, transmission, None),
-            message,
+            message or JointState(),
             point,
             self._settings,
             stage_known=served is not None,
@@ -851,6 +856,7 @@ class EfficiencyNode(Node):
             "points not answered, coasting": self._inputs.coasting,
             "points not answered, inputs apart": self._inputs.apart,
             **self._points.values("operating points"),
+            "operating points lost": self._point_numbers.missing,
             "oil temperature [deg C]": self._oil_in_words(now),
             "session": "unknown" if self._session is None else self._session,
             "clock jumps": self._inputs.clock_jumps + self._ages.jumps,
@@ -858,7 +864,7 @@ class EfficiencyNode(Node):
         }
         array = DiagnosticArray()
         array.header.stamp = self.get_clock().now().to_msg()
-        array.status = [
+        statuses = (
             inputs_status(
                 name,
                 self._public,
@@ -881,7 +887,12 @@ class EfficiencyNode(Node):
                 self._settings,
             ),
             gap_status(name, self._public, self._watch.found),
-        ]
+        )
+        array.status = self._change_filter.reduce(
+            statuses,
+            time.monotonic(),
+            self._diagnostics_publisher.get_subscription_count(),
+        )
         self._diagnostics_publisher.publish(array)
         self._inputs.apart_reason = ""
         self._inputs.asked = None

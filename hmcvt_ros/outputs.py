@@ -121,6 +121,8 @@ class Outputs:
         self._speed = _NumberOutput(create_publisher, "optimal_engine_speed")
         self._stage = create_publisher(String, "optimal_stage", qos.OUTPUT)
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
+        # Filled again for every publication, as in `_NumberOutput`.
+        self._advice_message = JointState(name=list(ADVICE))
         # Most often the question is that of the last time, on the topics and in the advice.
         self._best = functools.lru_cache(2)(_best)
 
@@ -181,7 +183,9 @@ class Outputs:
         if point is not None:
             values = self.advice_values(served, point, settings, oil_temperature)
         stage = served.model.stage.name if stage_known else UNKNOWN_STAGE
-        answer = JointState(header=message.header, name=list(ADVICE), position=values)
+        answer = self._advice_message
+        answer.header = message.header
+        answer.position = values
         answer.header.frame_id = f"{served.transmission.fingerprint}:{stage}"
         self._advice.publish(answer)
 

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         efficiency_std: Array | None = None
         stamp: Array | None = None
         pressure: Array | None = None
+        charge_pressure: Array | None = None
 
 else:
     _Columns = make_dataclass(

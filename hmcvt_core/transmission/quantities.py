@@ -449,6 +449,18 @@ QUANTITIES: tuple[Quantity, ...] = (
         # Gauge and displacement of the motor together (ISO 4409, ISO 8426).
         gauge=Gauge("pressure gauge", gain=0.01, zero=1e5),
     ),
+    Quantity(
+        name="charge_pressure",
+        low=-1e5,
+        high=1e7,
+        unit="Pa",
+        hint="is it in bar?",
+        kind="pressure",
+        symbol="p_c",
+        meaning="pressure of the charge circuit; recorded with the test, no model reads it",
+        headings=(Heading(needs=("feed",), excludes=("std", "engine", "boost")),),
+        averaged=True,
+    ),
 )
 """Every quantity of a bench."""
 

@@ -57,6 +57,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
         "gavage suralimentation alimentation admission admision aspirazione "
         "sovralimentazione sobrealimentacion \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
+        "boost": "boost lade ladedruck suralimentation admission admision aspirazione "
+        "sovralimentazione sobrealimentacion",
         "neutral": "of the at and de du des del della dell di la le les el il der die das am pro "
         "shaft welle arbre albero eje value values val wert mean average avg mittel "
         "mittelwert moyenne media ist istwert actual measured meas mess gemessen "

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`python -m studies.poisoning`: refits to a worn unit, attacked and with bad samples."""
 
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -10,7 +11,7 @@ from hmcvt_core.files.atomic import write_atomically
 from hmcvt_tools.fleet.executors import Processes
 from studies.page import render, table
 
-from .attacks import ATTACKS, Outcome, attacked, harmful
+from .attacks import ATTACKS, Outcome, attacked, diagnosed, harmful
 from .campaign import Case, campaign
 
 CASES = (
@@ -30,6 +31,8 @@ ATTACK_HEAD = (
     "worst excess",
     "attacked adopted",
     "honest adopted",
+    "diagnosed",
+    "verdicts",
 )
 MISTAKE_HEAD = (
     "",
@@ -45,10 +48,14 @@ MISTAKE_HEAD = (
 )
 
 
-def attack_row(pool: Processes, number: int, campaigns: int, seed: int) -> list[object]:
+def attack_row(
+    pool: Processes, number: int, campaigns: int, diagnoses: int, seed: int
+) -> list[object]:
     """Return the row of one attack."""
     first = seed + number * _SEEDS_OF_AN_ATTACK
     tasks = [(number, first + i) for i in range(campaigns)]
+    verdicts = Counter(pool.map(diagnosed, tasks[:diagnoses]))
+    answered = verdicts.total() - verdicts[""]
     outcomes: list[Outcome] = list(pool.map(attacked, tasks))
     attack = ATTACKS[number]
     harm = sum(harmful(attack, outcome) for outcome in outcomes)
@@ -61,6 +68,8 @@ def attack_row(pool: Processes, number: int, campaigns: int, seed: int) -> list[
         f"{100 * worst:.2f}",
         f"{100 * adopted:.0f} %",
         f"{100 * honest:.0f} %",
+        f"{answered} of {verdicts.total()}",
+        ", ".join(f"{name} {n}" for name, n in verdicts.most_common() if name),
     ]
 
 
@@ -95,16 +104,25 @@ def mistake_row(pool: Processes, case: Case, campaigns: int, seed: int) -> list[
     show_default=True,
     help="Campaigns of each row.",
 )
+@click.option(
+    "--diagnoses",
+    type=click.IntRange(1, 100_000),
+    default=3,
+    show_default=True,
+    help="Campaigns of each attack that are diagnosed too.",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=None)
-def command(campaigns: int, seed: int, jobs: int, out: Path | None) -> None:
+def command(
+    campaigns: int, diagnoses: int, seed: int, jobs: int, out: Path | None
+) -> None:
     """Attack refits to a worn unit, and spoil single samples of it."""
     attacks = []
     mistakes = []
     with Processes(jobs) as pool:
         for number in range(len(ATTACKS)):
-            attacks.append(attack_row(pool, number, campaigns, seed))
+            attacks.append(attack_row(pool, number, campaigns, diagnoses, seed))
             click.echo(attacks[-1])
         for case in CASES:
             mistakes.append(mistake_row(pool, case, campaigns, seed))

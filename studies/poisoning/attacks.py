@@ -6,8 +6,10 @@ logged. Where some readings are honest, a refit must not end worse than without 
 all are wrong in the same way, nothing shows it, and `MAX_CHANGE` is the bound.
 """
 
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +17,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.identification.identify import QUICK
 from hmcvt_core.identification.refit import MAX_CHANGE, Refit, refit
 from hmcvt_core.interface import joined
+from hmcvt_ros import jobs
 
 from .campaign import bench
 
@@ -256,6 +259,26 @@ def attacked(task: tuple[int, int]) -> Outcome:
         clean_adopted=_adopted(clean),
         adopted=_adopted(spoiled),
     )
+
+
+def diagnosed(task: tuple[int, int]) -> str:
+    """Return the verdict of the node's diagnosis of the attacked samples; empty without one.
+
+    Args:
+        task: number of the attack, and seed.
+    """
+    start = scene(task[1])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        model = folder / "model.yaml"
+        bench_file = folder / "bench.csv"
+        hmcvt.save_model(start.served, model)
+        hmcvt.write_bench(bench_file, ATTACKS[task[0]].samples(start))
+        try:
+            answer = jobs.diagnose(bench_file, model, 0, folder / "reports")
+        except hmcvt.HmcvtError:
+            return ""
+    return str(answer["verdict"]) if answer["report"] else ""
 
 
 def harmful(attack: Attack, outcome: Outcome) -> bool:

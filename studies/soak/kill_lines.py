@@ -2,14 +2,17 @@
 """A kill before every single line of the code that writes files.
 
 Random moments rarely meet the short ones, such as that between two renames; this meets them all.
+What a kill leaves depends on the files alone, so a short trial takes the lines before which they
+have changed.
 """
 
 import functools
+import itertools
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -173,20 +176,36 @@ STEPS: dict[str, tuple[Act, Act]] = {
 }
 
 
-def kill_everywhere(name: str, folder: Path) -> tuple[int, list[str]]:
-    """Kill a step before each of its lines; return how many there are, and what went wrong.
+def kill_everywhere(
+    name: str, folder: Path, changes_only: bool = False
+) -> tuple[int, list[str]]:
+    """Kill a step before each of its lines; return the count of kills, and what went wrong.
 
     Wherever it was cut off, there must stand what stood before it or what stands after it.
+
+    Args:
+        name: step of `STEPS`.
+        folder: new folder to work in.
+        changes_only: kill only before the first line and before those lines before which the files
+            have changed since the line before.
     """
-    problems, template, done = list[str](), folder / "before", folder / "after"
+    template = folder / "before"
+    done = folder / "after"
     prepare, act = STEPS[name]
     template.mkdir(parents=True)
     prepare(template)
     act(shutil.copytree(template, done))
     allowed = standing(shutil.copytree(template, folder / "copy")), standing(done)
-    line = 1
-    while _killed_at(line, act, shutil.copytree(template, folder / str(line))):
-        left = folder / str(line)
+    lines: Iterable[int] = itertools.count(1)
+    if changes_only:
+        lines = _lines_with_changes(act, shutil.copytree(template, folder / "traced"))
+    problems = list[str]()
+    kills = 0
+    for line in lines:
+        left = shutil.copytree(template, folder / str(line))
+        if not _killed_at(line, act, left):
+            break
+        kills += 1
         try:
             found = standing(left)
             StateFolder(left).close()
@@ -204,8 +223,37 @@ def kill_everywhere(name: str, folder: Path) -> tuple[int, list[str]]:
                 )
         if not problems:
             shutil.rmtree(left)
+    return kills, problems
+
+
+def _lines_with_changes(act: Callable[[Path], Any], folder: Path) -> list[int]:
+    """Return the numbers of the lines of a step before which the files of a folder have changed."""
+    files = _files(folder)
+    line = 0
+    lines = [1]
+
+    def note() -> None:
+        nonlocal files, line
         line += 1
-    return line - 1, problems
+        now = _files(folder)
+        if now != files:
+            files = now
+            lines.append(line)
+
+    sys.settrace(_tracer(note))
+    try:
+        act(folder)
+    finally:
+        sys.settrace(None)
+    return lines
+
+
+def _files(folder: Path) -> dict[Path, bytes | None]:
+    """Return the content of all files below a folder; None for a folder."""
+    return {
+        path: path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+    }
 
 
 def _killed_at(line: int, act: Callable[[Path], Any], folder: Path) -> bool:
@@ -213,8 +261,16 @@ def _killed_at(line: int, act: Callable[[Path], Any], folder: Path) -> bool:
     child = os.fork()
     if child == 0:
         status = 1
+        left = line
+
+        def kill() -> None:
+            nonlocal left
+            left -= 1
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
         try:
-            sys.settrace(_executioner(line))
+            sys.settrace(_tracer(kill))
             act(folder)
             status = 0
         finally:
@@ -225,14 +281,12 @@ def _killed_at(line: int, act: Callable[[Path], Any], folder: Path) -> bool:
     return os.WIFSIGNALED(status)
 
 
-def _executioner(line: int) -> Any:
-    left = line
+def _tracer(before_line: Callable[[], None]) -> Any:
+    """Return a trace function that calls another before each line of the code that writes."""
 
     def within(frame: FrameType, event: str, _: Any) -> Any:
-        nonlocal left
-        left -= event == "line"
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
+        if event == "line":
+            before_line()
         return within
 
     def entered(frame: FrameType, event: str, _: Any) -> Any:

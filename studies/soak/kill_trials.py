@@ -36,12 +36,17 @@ def main() -> int:
         default=True,
         help="a kill before every line of the code that writes, besides",
     )
+    parser.add_argument(
+        "--changes-only",
+        action="store_true",
+        help="of those lines, only the ones before which the files have changed",
+    )
     given = parser.parse_args()
     start = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix="hmcvt-kill-"))
     processes.loopback_only(folder)
     # What forks comes first: the threads of DDS would not bear it.
-    problems = _lines(folder) if given.lines else []
+    problems = _lines(folder, given.changes_only) if given.lines else []
     if given.trials:
         problems += _random(given.trials, folder, given.seed)
     for problem in problems:
@@ -56,10 +61,12 @@ def main() -> int:
     return 1 if problems else 0
 
 
-def _lines(folder: Path) -> list[str]:
+def _lines(folder: Path, changes_only: bool) -> list[str]:
     rows, problems = [], []
     for name in kill_lines.STEPS:
-        count, found = kill_lines.kill_everywhere(name, folder / name.replace(" ", "-"))
+        count, found = kill_lines.kill_everywhere(
+            name, folder / name.replace(" ", "-"), changes_only
+        )
         rows.append((name, count, len(found)))
         problems += found
     print("Kills before every line of the code that writes:\n")

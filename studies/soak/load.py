@@ -140,7 +140,8 @@ class Statuses:
     """The last diagnostics of the node `hmcvt` in a namespace.
 
     Attributes:
-        values: by the last word of the name of the status (`inputs`, `model`), then by key.
+        values: by the last word of the name of the status (`inputs`, `model`), then by key; the
+            last value of every key so far.
         stamp: when the node wrote them [ns since 1970], 0 before the first.
     """
 
@@ -152,9 +153,10 @@ class Statuses:
     def take(self, message: DiagnosticArray, received: int) -> None:
         for status in message.status:
             if status.name.startswith(self._mine):
-                self.values[status.name.removeprefix(self._mine)] = {
-                    pair.key: pair.value for pair in status.values
-                }
+                values = self.values.setdefault(
+                    status.name.removeprefix(self._mine), {}
+                )
+                values.update((pair.key, pair.value) for pair in status.values)
                 stamp = message.header.stamp
                 self.stamp = stamp.sec * 1_000_000_000 + stamp.nanosec
 
@@ -217,7 +219,7 @@ class Target:
             for topic, answers in outputs.items()
         }
         diagnostics = client.create_subscription(
-            DiagnosticArray, "/diagnostics", unused, qos.DIAGNOSTICS
+            DiagnosticArray, "/diagnostics", unused, 100
         )
         self.ear = Ear(
             client,

@@ -83,15 +83,14 @@ def test_headings_of_reports(name, quantity):
 
 
 def test_columns_that_are_not_used_are_named(tmp_path):
-    header = [*HEADERS["de"].split(";"), "Speisedruck [bar]", "Nr.", "Bemerkung"]
+    header = [*HEADERS["de"].split(";"), "Luftdruck [bar]", "Nr.", "Bemerkung"]
     path = written(tmp_path / "t.csv", header, extra=(24.0, 7, "warm"))
     done = run("import", path, "--out", tmp_path / "o.csv", "--yes")
     assert (
-        "kept as they are, not used: 'Speisedruck [bar]', 'Nr.', 'Bemerkung'"
-        in done.out
+        "kept as they are, not used: 'Luftdruck [bar]', 'Nr.', 'Bemerkung'" in done.out
     )
     done = run("import", path, "--out", tmp_path / "o.csv", "--yes", "--session", "Nr.")
-    assert "not used: 'Speisedruck [bar]', 'Bemerkung'" in done.out
+    assert "not used: 'Luftdruck [bar]', 'Bemerkung'" in done.out
 
 
 def test_two_spellings_of_one_unit_agree():
@@ -128,6 +127,11 @@ def test_a_stroke_per_mille(tmp_path):
     ],
 )
 def test_charge_pressure_is_no_loop_pressure(name):
+    assert meaning_of(name).quantity == "charge_pressure"
+
+
+@pytest.mark.parametrize("name", ["boost pressure [bar]", "Ladedruck [bar]"])
+def test_boost_of_an_engine_is_no_charge_pressure(name):
     assert meaning_of(name).quantity == ""
 
 

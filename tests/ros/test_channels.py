@@ -183,41 +183,48 @@ def test_diagnosis_of_the_node_is_that_of_the_command_line(
 ):
     base = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     rng = np.random.default_rng(5)
-    samples = campaign(base, 40, 0)
+    samples = campaign(base, 30, 0)
     temperature = np.round(rng.uniform(40.0, 80.0, len(samples)), 1)
     points = samples.points._replace(oil_temperature=temperature)
     truth = replace(base, effects=(OilTemperature(1.5),))
     read = truth.readings_at(points)
     pressure = read["pressure"]
+    charge = np.round(rng.uniform(1.9e6, 2.3e6, len(samples)), -3)
     samples = replace(
         samples,
         efficiency=read["efficiency"] + rng.normal(0.0, 0.002, len(samples)),
         output_speed=read["output_speed"],
         pressure=pressure,
+        charge_pressure=charge,
         oil_temperature=temperature,
-        efficiency_std=np.full(len(samples), 0.002),
         stamp=1000.0 + 60.0 * np.arange(len(samples)),
-        extra={"session": tuple(str(i // 20) for i in range(len(samples)))},
+        extra={"session": tuple(str(i // 15) for i in range(len(samples)))},
     )
     hmcvt.write_bench(tmp_path / "bench.csv", samples)
-    node = start_node(hmcvt.data_path("params/hm4.yaml"))
+    node = start_node(hmcvt.data_path("params/hm4.yaml"), bench_noise=0.002)
     for i in range(len(samples)):
         sent = stating(
             shaft_message(samples, i),
-            efficiency_std=samples.efficiency_std[i],
             oil_temperature=temperature[i],
             pressure=pressure[i],
-            session=i // 20,
+            charge_pressure=charge[i],
+            session=i // 15,
         )
         sent.header.stamp.sec = round(samples.stamp[i])
         node.player.send_sample(sent)
     assert node.comes(lambda: node.logged() == len(samples), 20.0)
+    logged = jobs.bench_of(node.bench_file)
+    assert logged.columns.keys() == samples.columns.keys()
+    for name, values in samples.columns.items():
+        np.testing.assert_allclose(logged.columns[name], values, rtol=1e-12)
     answer = node.player.call("diagnose").data
-    command = ["diagnose", str(tmp_path / "bench.csv"), "--json"]
+    command = ["diagnose", str(tmp_path / "bench.csv"), "--noise", "0.002", "--json"]
     with pytest.raises(SystemExit):
         main([*command, "--params", str(hmcvt.data_path("params/hm4.yaml"))])
     expected = json.loads(capsys.readouterr().out)
     assert answer["left_out"] == []
+    # Without `bench_noise` 1.12 % of the efficiency.
+    assert answer["gap"]["noise"] == pytest.approx(expected["gap"]["noise"])
     assert answer["verdict"] == expected["verdict"]
     assert "oil_temperature" in answer["sets"][0]["effects"]
     assert [each["effects"] for each in answer["sets"]] == [

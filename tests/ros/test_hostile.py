@@ -63,7 +63,7 @@ def node(hm4_node):
 
 
 def test_change_beyond_wear_waits_for_a_person(node, base):
-    send_table(node, campaign(worn(base, (2.0, 1.5, 1.5)), 30, 0))
+    send_table(node, campaign(worn(base, (2.0, 1.5, 1.5)), 16, 0))
     before = node.player.hold(GOOD).efficiency
     for _ in range(2):
         reply = node.player.call("reidentify")
@@ -352,7 +352,7 @@ def share_answered(player, flood=lambda i: None):
     """Send inputs while `flood` is called with numbers; the share of them that is answered."""
     player.hold(GOOD, patience=5.0)
     player.efficiencies.clear()
-    rounds = 100
+    rounds = 50
     for i in range(rounds):
         flood(i)
         player.send_inputs(GOOD)

@@ -147,6 +147,7 @@ def test_sample_is_logged_with_all_that_it_states(messages, typed_node):
     sample.efficiency_std = [0.002]
     sample.oil_temperature = [71.0]
     sample.pressure = [2e7]
+    sample.charge_pressure = [2.2e6]
     sample.session = [3]
     sender.publish(sample)
     sample.header.stamp.sec = 1120
@@ -158,6 +159,7 @@ def test_sample_is_logged_with_all_that_it_states(messages, typed_node):
     assert bench.extra["stated_std"] == ("", "0.002")
     assert bench.extra["stated_oil_temperature"] == ("", "71.0")
     assert bench.extra["stated_pressure"] == ("", "20000000.0")
+    assert bench.extra["stated_charge_pressure"] == ("", "2200000.0")
     assert bench.extra["stated_session"] == ("", "3")
     assert typed_node.says("engine speed 0 rad/s must be positive")
 
@@ -221,14 +223,15 @@ def test_goal_refits_as_the_service_does(actions):
     assert node.player.call("revert").success
 
 
-def test_goal_diagnoses_as_the_service_does(actions):
+def test_goal_diagnoses_and_writes_the_report(actions):
     node, _, diagnose = actions
     status, result = diagnose.result(diagnose.send())
     assert status == GoalStatus.STATUS_SUCCEEDED
-    expected = node.player.call("diagnose").data
-    assert result.verdict == expected["verdict"]
-    assert json.loads(result.reply)["sets"] == expected["sets"]
-    assert (node.state / result.report).is_file()
+    page = node.state / result.report
+    written = json.loads(page.with_suffix(".json").read_text())
+    assert result.verdict == written["verdict"]
+    assert json.loads(result.reply)["sets"] == written["sets"]
+    assert page.is_file()
     assert result.reason == ""
 
 

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 import yaml
 from dds_security import full
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from ros_bench import GOOD, command, send_table
 
 import hmcvt_core as hmcvt
 from hmcvt_core.identification.refit import refit
-from hmcvt_ros.diagnostics import LEVELS
+from hmcvt_ros.diagnostics import ALWAYS, LEVELS
 from hmcvt_ros.inputs import INPUT_RANGES
 
 pytestmark = pytest.mark.slow
@@ -174,15 +174,37 @@ def test_keys_of_the_diagnostics(node, replies):
     assert node.player.wait_until(
         lambda: "gap verdict" in statuses["model"]["values"], 5.0
     )
-    keys = [row[0] for row in table("key", 0)]
-    assert list(statuses["inputs"]["values"]) == [
-        key.replace("<input>", limits.name)
-        for limits in INPUT_RANGES
-        for key in keys
-        if "<input>" in key
-    ] + [key for key in keys if "<input>" not in key]
-    assert list(statuses["model"]["values"]) == [row[0] for row in table("key", 1)]
-    assert list(statuses["gap"]["values"]) == [row[0] for row in table("key", 2)]
+    for number, part in enumerate(("inputs", "model", "gap")):
+        keys = each_input(row[0] for row in table("key", number))
+        assert sorted(statuses[part]["values"]) == sorted(keys)
+
+
+def each_input(keys):
+    """Return keys with the names of all inputs in place of `<input>`."""
+    found = []
+    for key in keys:
+        found += [key.replace("<input>", limits.name) for limits in INPUT_RANGES]
+    return dict.fromkeys(found)
+
+
+def test_keys_that_every_message_has(node):
+    written = {part: each_input(keys.split(", ")) for part, keys in table("status")}
+    assert {part: set(keys) for part, keys in written.items()} == {
+        part: set(keys) for part, keys in ALWAYS.items()
+    }
+    shortest = dict.fromkeys(written, 1000)
+
+    def take(array):
+        for status in array.status:
+            part = status.name.rpartition(": ")[2]
+            if status.hardware_id == f"{node.namespace[1:]}/hmcvt":
+                keys = {pair.key for pair in status.values}
+                assert keys >= set(written[part])
+                shortest[part] = min(shortest[part], len(keys))
+
+    topic = node.player.create_subscription(DiagnosticArray, "/diagnostics", take, 10)
+    assert node.comes(lambda: shortest["gap"] == len(written["gap"]), 20.0), shortest
+    node.player.destroy_subscription(topic)
 
 
 def test_files_of_the_state_folder(node, replies, refused):

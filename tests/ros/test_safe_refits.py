@@ -248,10 +248,13 @@ def test_refit_ends_beside_busy_processors(start_node, paper_file, table2):
     node = start_node(paper_file, boosted=False)
     send_table(node, table2)
     with ExitStack() as busy:
-        for _ in range(os.cpu_count()):
-            other = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-            busy.callback(other.wait)
-            busy.callback(other.kill)
+        # The worker starts on the processor of the node; the other tests need the others.
+        processor = min(os.sched_getaffinity(0))
+        os.sched_setaffinity(node.process.pid, {processor})
+        other = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        busy.callback(other.wait)
+        busy.callback(other.kill)
+        os.sched_setaffinity(other.pid, {processor})
         start = time.monotonic()
         reply = node.player.call("reidentify", timeout=90.0)
     assert reply.success and time.monotonic() - start < 60.0, reply

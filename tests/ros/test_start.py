@@ -26,12 +26,7 @@ REFUSED = {
     "advice asks": (
         ["-r", "advice:=operating_point"],
         {},
-        "operating_point is the name of 2",
-    ),
-    "optimum as input": (
-        ["-r", "optimal_displacement_ratio:=displacement_ratio"],
-        {},
-        "displacement_ratio is the name of 2 topics",
+        "operating_point is the name of 2 topics",
     ),
     "two services in one": (
         ["-r", "~/reidentify:=job", "-r", "~/cancel:=job"],
@@ -44,7 +39,6 @@ REFUSED = {
         {},
         "engine_speed is the name",
     ),
-    "progress as stage": (["-r", "~/progress:=stage"], {}, "stage is the name of 2"),
     "qos of another type": (
         ["-p", "qos_overrides./efficiency.publisher.depth:=many"],
         {},
@@ -87,6 +81,29 @@ def test_mistake_at_the_start_is_one_line_and_exit_code_2(case, environment, tmp
     assert "Traceback" not in ended.stderr
     last = ended.stderr.splitlines()[-1]
     assert last.startswith("hmcvt: error: ") and words in last
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_parameter_file_on_a_pipe_is_refused(full, environment, tmp_path):
+    """Full, as of `<(...)`, or one that nobody writes to."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    end = os.open(pipe, os.O_RDWR) if full else None
+    if end is not None:
+        os.write(end, b"/**:\n  ros__parameters:\n    input_timeout: -1.0\n")
+    ended = subprocess.run(
+        command(arguments=("--params-file", str(pipe))),
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if end is not None:
+        os.close(end)
+    assert ended.returncode == 2
+    words = f"hmcvt: error: --params-file {pipe}: is no regular file\n"
+    assert ended.stderr == words
 
 
 def test_relative_file_in_a_working_directory_that_is_gone(environment, tmp_path):
