@@ -352,8 +352,8 @@ QUANTITIES: tuple[Quantity, ...] = (
             step_spreads=(0.01, 0.03),
             misfit_spread=0.0012,
         ),
-        # Of both torques together, each of class 0.1 (VDI/VDE 2646): 0.1 % sqrt(2 / 3). Their zeros,
-        # drift and hysteresis are in `benches/transmission/meters.py`.
+        # Of both torques together, each of class 0.1 (VDI/VDE 2646): 0.1 % sqrt(2 / 3). Their
+        # zeros, drift and hysteresis are in `benches/transmission/meters.py`.
         gauge=Gauge("meters", gain=0.0008, by_session=True),
     ),
     Quantity(
