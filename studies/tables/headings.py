@@ -245,7 +245,6 @@ PUBLIC_OTHERS: tuple[tuple[str, float, float], ...] = (
     ("\u7535\u673a\u626d\u77e9(N\u00b7m)", 300.0, 50.0),
     ("\u635f\u5931\u529f\u7387(kW)", 9.0, 2.0),
     ("\u7cfb\u7edf\u538b\u529b(MPa)", 18.0, 6.0),
-    ("\u8865\u6cb9\u538b\u529b(MPa)", 2.4, 0.1),
     ("\u8f66\u901f(km/h)", 12.0, 3.0),
 )
 """Columns of none of the quantities: header, typical value, spread."""

@@ -161,8 +161,9 @@ def _followed_cases():
     pages = [_worked_example()]
     for name in ("tutorial.md", "predict.md"):
         pages.append((DOCS / name).read_text(encoding="utf-8"))
-    followed_lines = [block[0] for page in pages for block in blocks(page)]
-    return {tuple(shlex.split(line)[1:]) for line in followed_lines}
+    first_lines = [block[0] for page in pages for block in blocks(page)]
+    commands = [line for line in first_lines if line.startswith("hmcvt ")]
+    return {tuple(shlex.split(line)[1:]) for line in commands}
 
 
 FOLLOWED = _followed_cases()
