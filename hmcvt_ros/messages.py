@@ -87,9 +87,7 @@ def point_from_message(message: JointState, tally: Tally) -> OperatingPoint:
         shafts.displacement_ratio, shafts.engine_speed, shafts.load_torque
     )
     for limits, value in zip(INPUT_RANGES, point, strict=True):
-        # The check of the core, which takes arrays too, is slower and finds the words.
-        is_allowed = limits.low <= value <= limits.high or coasting(limits, value)
-        if not is_allowed:
+        if not coasting(limits, value):
             limits.check(value)
     return point
 

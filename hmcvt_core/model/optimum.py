@@ -158,12 +158,6 @@ def optimum(
     """See `EfficiencyModel.optimal_displacement_ratio`."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    if hold == "engine_speed" and _is_allowed(engine_speed, load_torque):
-        # As below; the checks of arrays take half as long as the search.
-        stroke, efficiency, speed, torque, output, limit = _at_engine_speed(
-            solver, engine_speed, load_torque
-        )
-        return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
     given = [
         ranges.ENGINE_SPEED.check(engine_speed),
         ranges.LOAD_TORQUE.check(load_torque),
@@ -197,18 +191,6 @@ def optimum(
     return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
 
 
-def _is_allowed(engine_speed: Any, load_torque: Any) -> bool:
-    """Whether both are single numbers within their ranges."""
-    if not type(engine_speed) is type(load_torque) is float:
-        return False
-    speeds = ranges.ENGINE_SPEED
-    loads = ranges.LOAD_TORQUE
-    return (
-        speeds.low <= engine_speed <= speeds.high
-        and loads.low <= load_torque <= loads.high
-    )
-
-
 def _at_output_speed(
     solver: BalanceSolver, limits: Limits, speed: float, torque: float, held: float
 ) -> tuple[Any, ...]:
@@ -224,7 +206,9 @@ def _at_output_speed(
     )
 
 
-def _at_engine_speed(solver: BalanceSolver, speed: Any, torque: Any) -> tuple[Any, ...]:
+def _at_engine_speed(
+    solver: BalanceSolver, speed: float, torque: float
+) -> tuple[Any, ...]:
     """As `_at_output_speed`."""
     if solver.at_point is not None:
         stroke = _best_stroke(solver, solver.at_point, speed, torque)
