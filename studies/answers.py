@@ -19,7 +19,7 @@ BENCH_CASES = (
     ("nothing", 41000003),
     ("single", 41000036),
     ("single", 41000041),
-    ("single", 41000008),
+    ("unlisted", 99860039),
     ("single", 41000015),
     ("wrong_sign", 41000009),
 )
@@ -36,7 +36,7 @@ def answers() -> list[tuple[str, Diagnosis]]:
         if kind == "wrong_sign":
             hidden += " of the wrong sign"
         found.append((hidden.replace("_", " "), hmcvt.diagnose(model, samples)))
-    samples, _ = measured(DRIVER_CASE)
+    samples, _, _ = measured(DRIVER_CASE)
     model = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
     hidden = "oil that warms up and is not recorded"
     found.insert(1, (hidden, hmcvt.diagnose(model, samples)))
