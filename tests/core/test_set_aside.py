@@ -90,6 +90,16 @@ def test_only_the_typo_is_set_aside(hm4, count):
         assert np.flatnonzero(~belongs).tolist() == [3], seed
 
 
+@pytest.mark.parametrize("seed", [1, 2, 4, 5])
+def test_three_tenths_that_read_low_are_set_aside(hm4, seed):
+    """Their fit and that of the others are far apart: one start finds one of them."""
+    samples = campaign(hm4, seed=seed)
+    efficiency = samples.efficiency.copy()
+    efficiency[:12] *= 1.0 - np.random.default_rng(seed).uniform(0.08, 0.2, 12)
+    fit = hmcvt.identify(replace(samples, efficiency=efficiency))
+    assert fit.set_aside == tuple(range(1, 13))
+
+
 def most_carried(model, stroke, speed):
     """Highest load torque with an answer [N m]."""
     carried, refused = 1.0, 5000.0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
+import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS
 
 AXES = (
@@ -95,3 +96,18 @@ def test_a_few_points_take_no_longer_than_lookups(model):
             model.efficiency(*POINT)
 
     assert times_faster(lambda: model.efficiency(*columns), look_up, calls=50) > 1.0
+
+
+def test_identification_asks_the_model_some_three_hundred_times(hm4, monkeypatch):
+    """A call of the model costs as much as its points: their number is the time of a fit."""
+    calls = []
+    ask = hmcvt.EfficiencyModel.efficiency_of_candidates
+
+    def counted(model, values, points):
+        calls.append(len(values))
+        return ask(model, values, points)
+
+    monkeypatch.setattr(hmcvt.EfficiencyModel, "efficiency_of_candidates", counted)
+    samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
+    hmcvt.identify(samples.select(np.arange(0, 96, 4)), stage=hm4)
+    assert len(calls) < 350
