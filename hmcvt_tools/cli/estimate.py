@@ -109,7 +109,7 @@ _channel_options = common.options(
     type=common.fraction,
     default=EstimateSettings.wear,
     show_default=True,
-    help="By which part the leakage may have grown since the identification.",
+    help="By which part the leakage may have grown since the identification; 0: as identified.",
 )
 @click.option(
     "--hydraulics",

@@ -283,6 +283,11 @@ def _condition_notes(
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
         notes.append("wear is not used: the model states no errors of its parameters")
+    else:
+        notes.append(
+            f"by wear the leakage is taken as up to {100.0 * settings.wear:.0f} % above the "
+            f"identified one, {50.0 * settings.wear:.0f} % in the middle (--wear 0: as identified)"
+        )
     if settings.hydraulics_high == 0.0:
         notes.append("working hydraulics are not in the intervals (--hydraulics)")
     return notes

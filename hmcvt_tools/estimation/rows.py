@@ -34,8 +34,8 @@ _SECOND_STAGE = 0.5
 _STATED_STAGE = 1.0
 """The same where the bus names one of them: the interval then holds the load of the other, too."""
 _SAME_STROKE = 0.05
-"""Two stages cannot be told apart if they miss the measured displacement ratio by amounts that
-differ by less; a worn machine shifts both by up to 0.2 (development drives)."""
+"""Measured and solved displacement ratio differ by less in the stage engaged, besides what the
+errors of the parameters explain."""
 _INVERSIONS = 30
 """Bisections for the torque behind a fuel rate."""
 
@@ -241,15 +241,15 @@ class Estimator:
         other = self._solve(at, second, oil)
         better = np.isnan(likely.load_torque) & np.isfinite(other.load_torque)
         better &= ~is_stated
-        nearer = np.zeros(len(rows))
-        if stroke is not None:
-            nearer = _nearer_stroke(likely, other, stroke[rows])
+        measured = np.full(len(rows), np.nan) if stroke is None else stroke[rows]
+        fits, misses = _agrees(likely, measured)
+        other_fits, other_misses = _agrees(other, measured)
         # The bus contradicts itself: its displacement ratio is that of another stage.
-        refuted = is_stated & (nearer > _SAME_STROKE)
+        refuted = is_stated & misses & other_fits
         likely = likely._replace(
             load_torque=np.where(refuted, np.nan, likely.load_torque)
         )
-        is_certain = is_stated & (nearer < -_SAME_STROKE)
+        is_certain = is_stated & fits & other_misses
         solved = self._unsolved(count)
         for column, one, two in zip(solved, likely, other, strict=True):
             column[..., rows] = np.where(better, two, one)
@@ -269,6 +269,7 @@ class Estimator:
             np.full(count, np.nan),
             np.full(count, np.nan),
             np.full((errors, count), np.nan),
+            np.full(count, np.nan),
         )
 
     def _solve(
@@ -352,14 +353,17 @@ class _Engaged(NamedTuple):
     load_deviation: Array
 
 
-def _nearer_stroke(likely: Solved, other: Solved, measured: Array) -> Array:
-    """Return by how much another stage is nearer to measured displacement ratios, shape (n,).
+def _agrees(
+    solved: Solved, measured: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return where solved displacement ratios agree with measured ones, and where they do not.
 
-    0 where one of them is not known.
+    Neither where one of them is not known. Shape (n,) each.
     """
-    miss = np.abs(likely.displacement_ratio - measured)
-    other_miss = np.abs(other.displacement_ratio - measured)
-    return np.nan_to_num(miss - other_miss)
+    miss = np.abs(solved.displacement_ratio - measured)
+    deviation = np.nan_to_num(solved.stroke_deviation)
+    allowed = _SAME_STROKE + QUANTILE * deviation
+    return miss <= allowed, miss > allowed
 
 
 def torque_of_fuel(engine: Engine, engine_speed: Array, fuel_rate: Array) -> Array:

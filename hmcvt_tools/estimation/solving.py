@@ -34,11 +34,14 @@ _SLOPE_STEP = 1.0
 """Of the load, for the slope of the engine torque [N m]."""
 _FRACTION_OF_ERROR = 0.1
 """Step of a parameter in its standard errors, for the change of the engine torque."""
+QUANTILE = 1.6449
+"""Of the normal distribution, for intervals of 90 %."""
 STROKE_SLACK = 0.05
-"""By which a displacement ratio may exceed full stroke: errors of speeds and of the slip."""
+"""By which a displacement ratio may exceed full stroke, besides the errors of the parameters:
+errors of speeds and of the slip."""
 _REACH_SLACK = 0.06
 """Fraction by which slip moves the speed ratio beyond that of full stroke."""
-_SAME_STROKE = 0.2
+_SAME_STROKE = 0.6
 """Measured and expected displacement ratio differ by less in the stage engaged."""
 
 
@@ -50,12 +53,14 @@ class Solved(NamedTuple):
         displacement_ratio: [-].
         load_per_torque: change of the load with the engine torque [-].
         parameter_change: change of the load by one standard error of each parameter, (p, n).
+        stroke_deviation: standard deviation of the displacement ratio by the parameters [-].
     """
 
     load_torque: Array
     displacement_ratio: Array
     load_per_torque: Array
     parameter_change: Array
+    stroke_deviation: Array
 
 
 class _Held(NamedTuple):
@@ -158,7 +163,9 @@ class StageSolver:
         at = _Held(engine_speed, output_speed, temperature)
         missing = np.full(count, np.nan)
         changes = np.full((len(self._neighbours), count), np.nan)
-        solved = Solved(missing, missing.copy(), missing.copy(), changes)
+        solved = Solved(
+            missing, missing.copy(), missing.copy(), changes, missing.copy()
+        )
         for rows in (np.flatnonzero(known), np.flatnonzero(~known)):
             for start in range(0, len(rows), CHUNK):
                 chunk = rows[start : start + CHUNK]
@@ -174,10 +181,13 @@ class StageSolver:
         _, above = at.balanced(self._balance, load + _SLOPE_STEP)
         slope = (above - torque) / _SLOPE_STEP
         changes = []
+        stroke_variance = np.zeros(len(load))
         for count, neighbour in self._neighbours:
-            _, moved = at.balanced(neighbour, load)
+            moved_stroke, moved = at.balanced(neighbour, load)
             changes.append(-count * (moved - torque) / slope)
-        in_reach = np.abs(stroke) <= 1.0 + STROKE_SLACK
+            stroke_variance += (count * (moved_stroke - stroke)) ** 2
+        deviation = np.sqrt(stroke_variance)
+        in_reach = np.abs(stroke) <= 1.0 + STROKE_SLACK + QUANTILE * deviation
         in_reach &= np.abs(torque - engine_torque) <= 10.0 * _TOLERANCE
         in_reach &= slope > 0.0
         change = np.array(changes).reshape(len(changes), len(load))
@@ -186,6 +196,7 @@ class StageSolver:
             np.where(in_reach, np.clip(stroke, -1.0, 1.0), np.nan),
             np.where(in_reach, 1.0 / slope, np.nan),
             np.where(in_reach, change, np.nan),
+            np.where(in_reach, deviation, np.nan),
         )
 
     def _load(self, held: _Held, engine_torque: Array) -> Array:

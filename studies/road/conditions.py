@@ -70,7 +70,7 @@ class Condition:
 
 COLD = _temperature_of(2.0)
 _WARM = EstimateSettings(oil_temperature=IDENTIFIED_AT)
-_WORN = EstimateSettings(wear=1.0)
+_AS_IDENTIFIED = EstimateSettings(wear=0.0)
 _PUMPS = EstimateSettings(hydraulics_high=6e3)
 
 CONDITIONS = (
@@ -84,14 +84,14 @@ CONDITIONS = (
         oil_temperature=COLD,
         settings=_WARM,
     ),
-    Condition("worn: leakage x2; `--wear 1`", 2.0, settings=_WORN),
-    Condition("as identified; `--wear 1`", settings=_WORN),
+    Condition("worn: leakage x1.5", 1.5),
+    Condition("worn: leakage x2", 2.0),
+    Condition("as identified; `--wear 0`", settings=_AS_IDENTIFIED),
     Condition(
         "hydraulics 6 kW; `--hydraulics 0..6kW`", hydraulics=6e3, settings=_PUMPS
     ),
     Condition("hydraulics 0 kW; `--hydraulics 0..6kW`", settings=_PUMPS),
     Condition("cold, nothing stated", 0.5, 2.0),
-    Condition("worn, nothing stated", 2.0),
     Condition("hydraulics 6 kW, nothing stated", hydraulics=6e3),
 )
 
