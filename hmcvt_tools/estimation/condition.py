@@ -23,8 +23,6 @@ from .solving import Solved
 
 _FILM_EXPONENT = 0.835
 """Power of the viscosity in the dampings: middle of 0.67 (rolling) and 1 (full films)."""
-UNIFORM = 1.0 / np.sqrt(12.0)
-"""Standard deviation of a uniform distribution, in terms of its width."""
 _OIL_ERROR = 0.5
 """Standard deviation of a move by the oil, as a part of it; wide: grade and films are unknown."""
 OIL_SLACK = 5.0
@@ -35,7 +33,7 @@ class Moves(NamedTuple):
     """Changes of the load torque [N m], shape (n,) each, 0 where nothing is known.
 
     Attributes:
-        load: by which it moves; by wear to the middle of what it may be.
+        load: by which it moves.
         wear_deviation: standard deviation that wear leaves, with its sign.
         oil_deviation: standard deviation that the oil leaves, with its sign.
     """
@@ -93,8 +91,7 @@ def moves(
         doubled = getattr(model.parameters, name) / error if error > 0.0 else 0.0
         by_part.append(np.nan_to_num(change) * doubled)
     leakage, motor, pump = by_part
-    middle = 0.5 * settings.wear * leakage
-    wear_deviation = UNIFORM * settings.wear * leakage
+    worn = 0.5 * settings.wear * leakage
     oil = nothing
     temperatures = identified_temperatures(model, settings)
     if follows_viscosity(model):
@@ -106,7 +103,7 @@ def moves(
         change = walther_log_viscosity(at) - walther_log_viscosity(reference)
         thicker = np.exp(_FILM_EXPONENT * change) - 1.0
         oil = (np.exp(-change) - 1.0) * leakage + thicker * (motor + pump)
-    return Moves(middle + oil, wear_deviation, _OIL_ERROR * oil)
+    return Moves(worn + oil, worn, _OIL_ERROR * oil)
 
 
 def outside_identified(

@@ -15,11 +15,13 @@ import numpy as np
 from hmcvt_core.model.intervals import half_width
 from hmcvt_core.transmission.ranges import Array
 
-from .condition import UNIFORM, Moves
+from .condition import Moves
 from .settings import EstimateSettings
 from .solving import QUANTILE as QUANTILE
 from .solving import Solved
 
+_UNIFORM = 1.0 / np.sqrt(12.0)
+"""Standard deviation of a step by which values are rounded, in steps."""
 _LATE = 1.0 / np.sqrt(3.0)
 """Root mean square of a delay, uniform from 0 to 1."""
 MISFIT = 0.0012
@@ -110,7 +112,7 @@ def deviations(
     torque_rate = rate_of_change(inputs.time, inputs.engine_torque)
     acceleration = rate_of_change(inputs.time, speed)
     output_rate = rate_of_change(inputs.time, inputs.output_speed)
-    rounded = np.sqrt(2.0) * UNIFORM * resolution.get("engine_torque", 0.0)
+    rounded = np.sqrt(2.0) * _UNIFORM * resolution.get("engine_torque", 0.0)
     inertia = settings.engine_inertia * settings.inertia_error
     passing = np.sqrt(
         (per_torque * rounded) ** 2
@@ -130,7 +132,7 @@ def deviations(
         # Widened so that QUANTILE, of the normal distribution, gives the interval of Student's t.
         widened = half_width(degrees_of_freedom) / half_width(None)
         lasting += list(widened * (root.T @ solved.parameter_change) * speed)
-    rounded_speed = UNIFORM * resolution.get("output_speed", 0.0)
+    rounded_speed = _UNIFORM * resolution.get("output_speed", 0.0)
     return Deviations(
         np.array(lasting), passing, np.hypot(rounded_speed, late * output_rate)
     )

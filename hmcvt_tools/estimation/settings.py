@@ -32,8 +32,9 @@ class EstimateSettings:
         inertia_error: of `engine_inertia`, a fraction.
         form_error: of the efficiency [-] where the model states no errors of its parameters;
             1.12 % is the paper's uncertainty of a test.
-        wear: by which part the leakage may have grown since the identification, every value as
-            likely; 0 where the machine is as identified, else see `WEAR_IN_USE`.
+        wear: by which part the leakage may have grown since the identification: it is taken as
+            halfway, with that half as standard deviation, so that the interval holds at both ends;
+            0 where the machine is as identified.
         hydraulics_low: least power that pumps at the engine take and the bus does not state [W].
         hydraulics_high: most of it; the middle is taken off, with half the range as standard
             deviation.

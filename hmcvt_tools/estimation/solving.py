@@ -41,8 +41,9 @@ STROKE_SLACK = 0.05
 errors of speeds and of the slip."""
 _REACH_SLACK = 0.06
 """Fraction by which slip moves the speed ratio beyond that of full stroke."""
-_SAME_STROKE = 0.6
-"""Measured and expected displacement ratio differ by less in the stage engaged."""
+_LARGEST_SLIP = 0.6
+"""Displacement ratio that slip takes at most: 0.3 at full load as identified, and twice as much
+of a unit whose leakage has doubled (development drives)."""
 
 
 class Solved(NamedTuple):
@@ -316,7 +317,7 @@ class Stages:
                 expected = self._stroke_without_slip(solver, ratio)
                 apart = np.abs(expected - displacement_ratio)
                 known = np.isfinite(apart)
-                fits &= ~known | (apart <= _SAME_STROKE + STROKE_SLACK)
+                fits &= ~known | (apart <= _LARGEST_SLIP + STROKE_SLACK)
                 distance = np.where(known, apart, distance)
             distances[row] = np.where(fits, distance, np.inf)
         return distances

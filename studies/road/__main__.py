@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hmcvt_tools.estimation import EstimateSettings
 from studies.page import table
 
 from .bus import Faults, faults_of
@@ -47,7 +48,15 @@ def scores_of(
             faults = Faults(bias, faults.delays)
         with tempfile.TemporaryDirectory() as folder:
             scores.append(
-                scored(Path(folder), model, machine, driven, faults, with_unit)
+                scored(
+                    Path(folder),
+                    model,
+                    machine,
+                    driven,
+                    faults,
+                    with_unit,
+                    EstimateSettings(wear=0.0),
+                )
             )
     return scores
 

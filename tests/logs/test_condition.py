@@ -61,17 +61,37 @@ def test_cold_oil_moves_the_load_to_that_of_the_cold_machine(identified, solved)
     assert (after <= 1.645 * np.abs(moved.oil_deviation[known]) + 1.0).mean() > 0.8
 
 
-def test_wear_covers_a_machine_with_twice_the_leakage(identified, solved):
-    moved = moves(identified, solved, None, EstimateSettings(wear=1.0))
-    truth = load_of(identified, 2.0, 1.0)
+@pytest.mark.parametrize("leakage", [1.0, 1.5, 2.0])
+def test_wear_in_use_covers_up_to_twice_the_leakage(identified, solved, leakage):
+    moved = moves(identified, solved, None, EstimateSettings())
+    truth = load_of(identified, leakage, 1.0)
     known = np.isfinite(truth) & np.isfinite(solved.load_torque)
     missed = np.abs(solved.load_torque + moved.load - truth)[known]
     assert (missed <= 1.645 * np.abs(moved.wear_deviation[known]) + 0.5).mean() > 0.8
 
 
-def test_nothing_moves_where_nothing_is_stated(identified, solved):
-    moved = moves(identified, solved, np.full(40, 20.0), EstimateSettings())
-    assert not np.any(moved)
+def test_nothing_moves_a_machine_as_identified(identified, solved):
+    settings = EstimateSettings(wear=0.0)
+    assert not np.any(moves(identified, solved, np.full(40, 20.0), settings))
+
+
+def test_leakage_within_its_error_keeps_a_stage_in_reach(identified):
+    """A stage that less leakage brings within full stroke may be the one engaged."""
+    speed, torque = np.full(60, 150.0), np.full(60, 450.0)
+    output = np.linspace(60.0, 260.0, 60)
+    solver = StageSolver(identified)
+    sharp = replace(
+        identified,
+        standard_errors={n: 1e-3 * e for n, e in identified.standard_errors.items()},
+    )
+    wide = solver.solve(speed, output, torque)
+    narrow = StageSolver(sharp).solve(speed, output, torque)
+    answered = np.isfinite(wide.load_torque)
+    more = answered & np.isnan(narrow.load_torque)
+    assert (
+        0 < more.sum() < 10 and not (np.isfinite(narrow.load_torque) & ~answered).any()
+    )
+    assert (np.abs(wide.displacement_ratio[more]) == 1.0).all()
 
 
 def test_seconds_outside_count_from_five_degrees():
@@ -122,7 +142,7 @@ def test_drags_follow_the_oil_of_the_log(identified):
 
 def test_oil_does_not_act_twice(identified, solved):
     model = replace(identified, effects=(OilTemperature(1.0),))
-    settings = EstimateSettings(oil_temperature=60.0)
+    settings = EstimateSettings(oil_temperature=60.0, wear=0.0)
     assert not np.any(moves(model, solved, np.full(40, 20.0), settings))
 
 
