@@ -471,6 +471,8 @@ class EfficiencyModel:
             return self._predicted_point(efficiency, changes, rows, point, stage)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
+        # NumPy multiplies no masked matrices.
+        slopes = np.ma.getdata(slopes)
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
         # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
         depends = slopes.any(axis=-1)

@@ -167,6 +167,19 @@ def test_masked_points_stay_masked(four):
     assert not slopes.mask[0].any()
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_masked_points_have_intervals_whatever_their_number(four, count):
+    strokes = np.linspace(-0.5, 0.5, count + 1)
+    masked = np.ma.masked_array(strokes, mask=np.arange(count + 1) == count)
+    prediction = four.model.predict(masked, 146.6, 200.0)
+    expected = four.model.predict(strokes[:count], 146.6, 200.0)
+    for values, alone in zip(prediction, expected, strict=True):
+        assert values.mask.tolist() == count * [False] + [True]
+        np.testing.assert_allclose(values[:count], alone, rtol=1e-9)
+    low, high = four.model.interval(masked, 146.6, 200.0)
+    assert low.mask[count] and high.mask[count] and (low[:count] < high[:count]).all()
+
+
 def test_masked_values_are_refused_where_no_mask_is_kept(four):
     model = four.model
     masked = np.ma.masked_array([0.5, 0.6], mask=[False, True])
