@@ -269,7 +269,8 @@ class RobustProblem(Problem):
             return np.asarray((half * residuals**2).sum(axis=-1) / half.sum(axis=-1))
 
         rng = np.random.default_rng(seed)
-        tried = rng.uniform(*SEARCH_BOUNDS.T, (_TRIED, len(SEARCH_BOUNDS)))
+        low, high = SEARCH_BOUNDS.T
+        tried = rng.uniform(low, high, (_TRIED, len(SEARCH_BOUNDS)))
         changes = self.prior.change(from_scaled(tried))
         starts = changes[np.argsort(trimmed_mean(changes))[:_STARTS]]
         in_service = np.zeros(len(PARAMETER_NAMES))
