@@ -9,10 +9,16 @@ import pytest
 
 from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.analysis import Analysis
+from hmcvt_core.diagnosis.detection.regions import candidate_regions
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
 from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
-from hmcvt_core.diagnosis.selection.explanation import explain, with_form_errors
+from hmcvt_core.diagnosis.selection.explanation import (
+    explain,
+    smooth_discrepancies,
+    with_form_errors,
+)
+from hmcvt_core.diagnosis.selection.posterior import compute_posterior
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
 from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
@@ -40,6 +46,26 @@ def test_a_small_effect_may_be_a_bend_of_a_large_one():
     assert bent["pressure_leakage"].log_evidence < both.log_evidence - 20.0
     # The model that is served keeps both.
     assert len(likely.served_fit.effects) == 2
+
+
+def test_beside_an_unlisted_loss_an_effect_may_be_a_bend_too():
+    effects = (PressureLeakage(8e-11), StrokeLeakage(2e-12))
+    extended = smooth_discrepancies(explained(effects, speed_noise=None))[0]
+    bent = {item.form_error: item for item in with_form_errors(extended)}
+    likely = bent["stroke_leakage"]
+    assert likely.discrepancy is extended.discrepancy
+    assert likely.names == ("pressure_leakage",)
+    assert likely.log_evidence > extended.log_evidence - 3.0
+
+
+def test_what_competes_with_an_unlisted_loss_competes_with_a_bend_of_its_set():
+    effects = (PressureLeakage(8e-11), StrokeLeakage(2e-12))
+    base = fitted(campaign(effects, seed=1, speed_noise=None))
+    boxes = candidate_regions(base.observed.coordinates)
+    entries = compute_posterior(base, boxes, seed=0).entries
+    bent = [item for item, _ in entries if item.form_error]
+    assert any(item.discrepancy is None for item in bent)
+    assert any(item.discrepancy is not None for item in bent)
 
 
 def test_a_torque_is_no_bend_of_a_leak_where_the_output_speed_tells():

@@ -341,7 +341,7 @@ def with_form_errors(explanation: Explanation) -> list[Explanation]:
     then the allowance for forms, of either sign, in place of the moment prior of a cause.
 
     Args:
-        explanation: of listed effects, without a discrepancy.
+        explanation: of listed effects, with or without a discrepancy.
 
     Returns:
         One for each effect that may be a form error of the others.

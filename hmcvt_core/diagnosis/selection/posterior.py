@@ -204,11 +204,11 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
     from scipy.special import expit, logsumexp
 
     base_only = explain_by_base(base)
-    sets, bends = _sets_of_effects(base_only)
+    sets, effects = _sets_of_effects(base_only)
+    listed = [*sets, *_sets_with_discrepancy(sets[:LEADING_SETS], boxes)]
     competing = [
-        *sets,
-        *bends,
-        *_sets_with_discrepancy(sets[:LEADING_SETS], boxes),
+        *listed,
+        *_sets_with_form_error(listed, effects),
         *_with_shared_prior(
             [explain_by_base_discrepancy(base_only)], PRIOR_BASE_DISCREPANCY
         ),
@@ -231,26 +231,37 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
 # --- the competing explanations, each with the log of prior times evidence ------------------
 
 
-def _sets_of_effects(base_only: Explanation) -> tuple[list[Weighted], list[Weighted]]:
-    """Return the sets of listed effects near the best, best first, and those with a form error."""
+def _sets_of_effects(base_only: Explanation) -> tuple[list[Weighted], int]:
+    """Return the sets of listed effects near the best, best first, and how many effects compete."""
     library = base_only.fit.signatures
     candidates, effects = search(base_only, library, max(PRIOR_OF_SET_SIZE))
     sets = []
-    bends = []
     for explanation, log_evidence in candidates:
-        names = explanation.names
-        log_prior_of_forms = log_evidence - explanation.log_evidence
-        log_prior = log_prior_of_forms + _log_prior_of_set(len(names), effects)
-        sets.append((explanation, log_prior + explanation.log_evidence))
-        if len(names) == 1:
-            continue
-        log_prior = log_prior_of_forms + _log_prior_of_set(len(names) - 1, effects)
-        others = effects - len(names) + 1
-        log_prior += math.log(PRIOR_FORM_ERROR / others)
-        for bent in with_form_errors(explanation):
-            bends.append((bent, log_prior + bent.log_evidence))
+        log_prior = _log_prior_of_set(len(explanation.names), effects)
+        sets.append((explanation, log_prior + log_evidence))
     sets.sort(key=lambda entry: -entry[1])
-    return sets, bends
+    return sets, effects
+
+
+def _sets_with_form_error(sets: Sequence[Weighted], effects: int) -> list[Weighted]:
+    """Return sets in which one effect is a form error of the others.
+
+    Args:
+        sets: with or without an unlisted loss.
+        effects: how many compete.
+    """
+    bent_sets = []
+    for explanation, log_weight in sets:
+        causes = len(explanation.names) - 1
+        if not causes:
+            continue
+        log_prior = log_weight - explanation.log_evidence
+        log_prior += _log_prior_of_set(causes, effects)
+        log_prior -= _log_prior_of_set(causes + 1, effects)
+        log_prior += math.log(PRIOR_FORM_ERROR / (effects - causes))
+        for bent in with_form_errors(explanation):
+            bent_sets.append((bent, log_prior + bent.log_evidence))
+    return bent_sets
 
 
 def _log_prior_of_set(size: int, effects: int) -> float:
