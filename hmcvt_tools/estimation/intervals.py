@@ -17,7 +17,6 @@ from hmcvt_core.transmission.ranges import Array
 
 from .condition import Moves
 from .settings import EstimateSettings
-from .solving import QUANTILE as QUANTILE
 from .solving import Solved
 
 _UNIFORM = 1.0 / np.sqrt(12.0)

@@ -20,9 +20,9 @@ from hmcvt_core.transmission.ranges import ENGINE_SPEED, RPM, Array
 from ..logs.joining import Joined
 from ..logs.selection import ENGAGED, TAKE_OFFS, Selection
 from .condition import Moves, moves
-from .intervals import QUANTILE, Deviations, Inputs, deviations, rate_of_change
+from .intervals import Deviations, Inputs, deviations, rate_of_change
 from .settings import EstimateSettings
-from .solving import Solved, Stages
+from .solving import QUANTILE, Solved, Stages
 
 STANDING = 5.0 * RPM
 """Output speed below which the output stands [rad/s]: it takes no power."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from hmcvt_core.transmission.ranges import RPM, Array
 
-from .intervals import QUANTILE
+from .solving import QUANTILE
 
 STROKE_WIDTH = 0.2
 SPEED_WIDTH = 100.0 * RPM
