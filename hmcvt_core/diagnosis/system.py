@@ -167,7 +167,7 @@ class Unrecorded:
     """A quantity that may vary although nothing records it.
 
     Attributes:
-        name: in words.
+        name: in words; those of the column, where a bench can record it.
         sensor: what to record to see it, in words.
         change: of every reading by a change of the quantity, in the units of the channels, shape
             (channels, n).

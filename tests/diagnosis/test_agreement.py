@@ -102,6 +102,15 @@ def test_a_quantity_anew_in_each_test_varies_over_no_minutes():
     assert answer["time_scale"] == "tests", "amplitudes are dense enough for the noise"
 
 
+def test_a_charge_pressure_that_is_recorded_is_not_asked_for():
+    samples, _, _ = measured(Case("charge pressure", "random", True, 22))
+    found = hmcvt.diagnose(BASE, samples)
+    assert "charge pressure" in dict(found.scatter.quantities)
+    recorded = with_column(samples, charge_pressure=np.full(len(samples), 2e6))
+    found = hmcvt.diagnose(BASE, recorded)
+    assert "charge pressure" not in dict(found.scatter.quantities)
+
+
 def test_a_loss_in_one_stage_is_no_agreement():
     tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     rng = np.random.default_rng(3)

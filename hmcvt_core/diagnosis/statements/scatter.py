@@ -176,6 +176,9 @@ def _unrecorded_of(fit: Fit) -> list[Unrecorded]:
     rows = fit.hypothesis.rows_of(fit.observed.channels)
     quantities = []
     for item in known(fit.base, fit.observed.points):
+        column = item.name.replace(" ", "_")
+        if getattr(fit.observed.samples, column, None) is not None:
+            continue
         change = np.nan_to_num(item.change[rows])
         if change.any():
             quantities.append(Unrecorded(item.name, item.sensor, change))
