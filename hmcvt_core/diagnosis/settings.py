@@ -631,6 +631,12 @@ AT_BOUND_FRACTION = 1e-3
 Source: chosen; a refit ends at a bound to about 1e-6 of the range.
 """
 
+EXCEEDED_DEVIATIONS = 3.0
+"""Standard errors beyond its bound from which the readings ask for a shape that no source gives.
+
+Source: three sigma; the estimate is linear near the bound, so that two would be too sure.
+"""
+
 SHRINKAGE_TAIL = 0.025
 """Probability beyond each end of that interval.
 

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""An effect as a form error of the forms of others, and readings that are rare without a gap."""
+"""Forms that miss: as another effect, or beyond their sources; readings rare without a gap."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
 from hmcvt_core.diagnosis.analysis import Analysis
 from hmcvt_core.diagnosis.detection.regions import candidate_regions
@@ -23,6 +24,9 @@ from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
 from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
+from studies.blind.bench.judge import Case, draw, served
+from studies.blind.bench.library import without_effects
+from studies.blind.bench.properties import Bench
 
 from .campaigns import BASE, CASES, campaign, diagnosed, fitted
 
@@ -104,3 +108,16 @@ def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
     assert found.shrinkage.before == pytest.approx(
         np.sqrt(over_the_range**2 - found.gap.noise**2), rel=0.15
     )
+
+
+def test_a_shape_that_would_have_to_leave_its_sources_is_another_form():
+    """A relief valve that opens, where the library lacks it, is no leakage of a gap."""
+    campaign, _ = draw(Case("unlisted", 303, Bench()))
+    assert campaign.truth.names == ("relief_valve",)
+    model, samples = served(campaign)
+    with without_effects(campaign.truth.effects):
+        found = hmcvt.diagnose(model, samples)
+    assert found.verdict == "other_form"
+    assert found.present[0].effects == ("pressure_leakage",)
+    assert "in a form that is not in the library" in found.report()
+    assert any("the readings ask for more" in note for note in found.notes)

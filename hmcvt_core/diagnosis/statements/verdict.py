@@ -25,6 +25,7 @@ from ..selection.explanation import Explanation
 from ..settings import (
     AT_BOUND_FRACTION,
     CAUSE_FOUND_PROBABILITY,
+    EXCEEDED_DEVIATIONS,
     LIKELY,
     OTHER_FORM_FRACTION,
 )
@@ -80,7 +81,11 @@ def word_of(
     if analysis.posterior.unlisted > LIKELY:
         return _not_explained(analysis, present)
     notes = (*_form_error_of_the_model(analysis), *_smaller_unlisted_loss(analysis))
-    doubts = _doubts(analysis.leading[0])
+    leading, _ = analysis.leading
+    exceeded = _exceeded_forms(leading)
+    if exceeded and present:
+        return "other_form", (*notes, *exceeded)
+    doubts = (*_doubts(leading), *exceeded)
     if doubts:
         return "ambiguous", (*notes, *doubts)
     return _explained(analysis, present), notes
@@ -198,6 +203,37 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
             f"{plain(name)} of the base model is at its bound with the cause in it, so the cause "
             "may stand for something else"
         )
+    return tuple(notes)
+
+
+def _exceeded_forms(leading: Explanation) -> tuple[str, ...]:
+    """Say which shapes stand at the bound of their sources although the readings ask for more.
+
+    A shape may stand at its bound; but a relief valve that opens is a leakage whose exponent would
+    be far beyond that of any gap. The estimate is linear near the bound.
+    """
+    fit = leading.fit
+    hypothesis = fit.hypothesis
+    deviations = np.sqrt(np.diagonal(leading.model.covariance))
+    notes = []
+    for number, (i, item) in enumerate(hypothesis.free_parameters):
+        effect = fit.effects[i]
+        if item.is_size or effect.name not in leading.names:
+            continue
+        # In parts of the range, 0 to 1.
+        index = hypothesis.base_count + number
+        fitted = fit.theta[index]
+        estimate = hypothesis.prior_mean[index] + leading.model.mean[index]
+        reach = EXCEEDED_DEVIATIONS * deviations[index]
+        below = fitted < AT_BOUND_FRACTION and estimate < -reach
+        above = fitted > 1.0 - AT_BOUND_FRACTION and estimate > 1.0 + reach
+        if below or above:
+            value = effect.values()[item.name]
+            notes.append(
+                f"{plain(effect.name)}: {plain(item.name)} = {value:.3g} is the bound of what its "
+                "sources give, and the readings ask for more: the form is not in the library, or "
+                "it is another loss"
+            )
     return tuple(notes)
 
 
