@@ -177,9 +177,8 @@ def test_sets_that_differ_by_members_of_a_class_are_merged():
 def test_a_class_is_a_cause(classes, verdict):
     base = SimpleNamespace(names=(), low=np.array([]), high=np.array([]))
     system = SimpleNamespace(base=base)
-    fit = SimpleNamespace(
-        effects=(), base=np.array([]), hypothesis=SimpleNamespace(system=system)
-    )
+    hypothesis = SimpleNamespace(system=system, free_parameters=[])
+    fit = SimpleNamespace(effects=(), base=np.array([]), hypothesis=hypothesis)
     posterior = Posterior(
         tuple(
             (
@@ -191,6 +190,8 @@ def test_a_class_is_a_cause(classes, verdict):
                     discrepancy=None,
                     form_error="",
                     absent=(),
+                    fit=fit,
+                    model=SimpleNamespace(covariance=np.zeros((0, 0))),
                     served_fit=fit,
                 ),
                 p,
