@@ -9,7 +9,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -138,7 +138,9 @@ def file_limit(size: int, *processes: int) -> Iterator[None]:
         yield
     finally:
         for process, limits in before.items():
-            resource.prlimit(process, resource.RLIMIT_FSIZE, limits)
+            # A worker may have ended meanwhile.
+            with suppress(ProcessLookupError):
+                resource.prlimit(process, resource.RLIMIT_FSIZE, limits)
 
 
 @contextmanager
