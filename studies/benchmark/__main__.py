@@ -66,7 +66,10 @@ def main() -> None:
     complete = work(options.jobs, calls) and complete
     if options.page:
         command = shlex.join(["python", "-m", "studies.benchmark", *sys.argv[1:]])
-        text = page(options.folder, command, options.first_seed)
+        try:
+            text = page(options.folder, command, options.first_seed)
+        except ValueError as error:
+            sys.exit(f"error: {error}")
         options.page.write_text(text, encoding="utf-8")
     if not complete:
         sys.exit("error: some work failed; see above")

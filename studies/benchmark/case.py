@@ -16,6 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 EFFECTS_FILE = Path(__file__).parent / "effects.yaml"
 NUISANCE = "nuisance:"
 """Prefix of the columns that are no effect: base parameters, and errors of the meters."""
+RIG = "rig"
+"""Beginning of the names of measured cases."""
 LEFT_COLUMNS = ("channel", "row", "base", "linear")
 
 

@@ -16,10 +16,9 @@ import numpy as np
 import yaml
 
 import hmcvt_core as hmcvt
+from studies.benchmark.case import RIG, read_columns, write_columns
 from studies.benchmark.case import effects as listed_effects
-from studies.benchmark.case import read_columns, write_columns
 from studies.benchmark.model import write_tables
-from studies.benchmark.rig import PLANT
 from studies.blind.bench import judge as bench_judge
 from studies.blind.bench.campaign import fresh_state
 from studies.blind.bench.classes import class_of
@@ -287,10 +286,10 @@ def files(folder: Path, truth: Path) -> Iterator[Path]:
     """Yield the frozen files: of simulated cases without model tables, and their truth."""
     for path in sorted(folder.glob("*/*")):
         is_table = path.name.startswith("model_")
-        if not (is_table or path.parent.name.startswith(PLANT)):
+        if not (is_table or path.parent.name.startswith(RIG)):
             yield path
     for path in sorted(truth.glob("*")):
-        if not path.name.startswith(PLANT):
+        if not path.name.startswith(RIG):
             yield path
 
 

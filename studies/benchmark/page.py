@@ -8,13 +8,14 @@ import yaml
 
 from studies.benchmark.generator import TABLE_SEEDS, VERSION, digest
 from studies.benchmark.methods import METHODS
-from studies.benchmark.rig import PLANT
 from studies.benchmark.scorer import (
     FAILURES,
     SUCCESSES,
     Score,
+    answered_methods,
     figures_table,
     scores_of,
+    split,
 )
 from studies.page import machine, render, table
 
@@ -29,16 +30,16 @@ def page(folder: Path, command: str, first_seed: int) -> str:
         folder: with cases, truth and answers.
         command: that made them.
         first_seed: of the cases.
+
+    Raises:
+        ValueError: hmcvt has not answered, or an answer is missing or wrong.
     """
-    found = {path.name for path in (folder / "answers").iterdir()}
-    methods = [name for name in METHODS if name in found]
-    methods += sorted(found - set(METHODS))
+    found = answered_methods(folder)
+    # Without answers of hmcvt there is no page: baselines are compared with it.
+    methods = [name for name in METHODS if name in {"hmcvt", *found}]
+    methods += [name for name in found if name not in METHODS]
     every = {method: scores_of(folder, method) for method in methods}
-    measured = _of_plant(every, PLANT)
-    scores = {
-        method: [each for each in own if not each.case.startswith(PLANT)]
-        for method, own in every.items()
-    }
+    scores, measured = split(every)
     first = scores[methods[0]]
     kinds = Counter((each.kind, each.case.split("-")[0]) for each in first)
     rows = [
@@ -95,10 +96,3 @@ def beaten(scores: dict[str, list[Score]]) -> str:
                 f"* **{figure.what}**: {values}; hmcvt {figure.cell(own)}. {reason}"
             )
     return "\n".join(lines)
-
-
-def _of_plant(scores: dict[str, list[Score]], plant: str) -> dict[str, list[Score]]:
-    return {
-        method: [each for each in own if each.case.startswith(plant)]
-        for method, own in scores.items()
-    }

@@ -20,13 +20,11 @@ import yaml
 from hmcvt_core.benches.unit.samples import UnitSamples
 from hmcvt_core.benches.unit.sound import SoundUnit, fit_sound_unit, varied_axes
 from hmcvt_core.benches.unit.system import points_of
-from studies.benchmark.case import NUISANCE, FloatArray, effects, write_columns
+from studies.benchmark.case import NUISANCE, RIG, FloatArray, effects, write_columns
 from studies.real.__main__ import SHIPPED
 from studies.real.rig import SOUND_COOLER, Mask, Rig, read_rig
 
 TABLE = SHIPPED / "zema_pump.csv"
-PLANT = "rig"
-"""Beginning of the names of these cases."""
 HALVES = 3
 """Divisions of the sound windows, in which nothing is hidden."""
 HELD_OUT = 1.0 / 3.0
@@ -69,7 +67,7 @@ def measured_cases(rig: Rig) -> list[Measured]:
         faulty = rig.fault == fault
         for cooler in sorted(set(rig.cooler.tolist()), reverse=True):
             at = rig.cooler == cooler
-            name = f"{PLANT}-leak{fault:g}-cooler{cooler:g}"
+            name = f"{RIG}-leak{fault:g}-cooler{cooler:g}"
             what = f"bypass {fault:g} at cooler {cooler:g} %"
             cases.append(
                 Measured(name, "single", BYPASS, rig.sound & at, faulty & at, what)
@@ -77,14 +75,14 @@ def measured_cases(rig: Rig) -> list[Measured]:
     cold = rig.sound & (rig.cooler == SOUND_COOLER)
     for cooler in sorted(set(rig.cooler.tolist()) - {SOUND_COOLER}, reverse=True):
         warm = rig.sound & (rig.cooler == cooler)
-        name = f"{PLANT}-warm-cooler{cooler:g}"
+        name = f"{RIG}-warm-cooler{cooler:g}"
         what = f"sound pump, oil warmed by cooler {cooler:g} %"
         cases.append(Measured(name, "single", ("oil_temperature",), cold, warm, what))
     for seed in range(HALVES):
         rows = np.random.default_rng(seed).permutation(np.flatnonzero(rig.sound))
         half = np.zeros(len(rig.flow), dtype=bool)
         half[rows[: len(rows) // 2]] = True
-        name = f"{PLANT}-sound{seed}"
+        name = f"{RIG}-sound{seed}"
         what = "sound pump, half of the windows"
         cases.append(Measured(name, "nothing", (), rig.sound & ~half, half, what))
     return cases
@@ -232,7 +230,7 @@ def _card(case: Measured, tests: int) -> dict[str, Any]:
     return {
         "case": case.name,
         "machine": {
-            "plant": PLANT,
+            "plant": RIG,
             "layout": "one pump; efficiency is volumetric, load torque is ideal",
             "displacement": float(read_rig(TABLE).samples(case.changed).displacement),
         },

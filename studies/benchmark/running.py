@@ -8,13 +8,13 @@ from pathlib import Path
 
 from studies.benchmark import generator, rig
 from studies.benchmark.answer import Answer, write_answer
-from studies.benchmark.case import Case
+from studies.benchmark.case import RIG, Case
 from studies.benchmark.methods import METHODS
 
 
 def make(folder: Path, name: str, kind: str, seed: int) -> str:
     """Write a case and its truth; return its name."""
-    if name.startswith(rig.PLANT):
+    if name.startswith(RIG):
         rig.write_rig_case(folder / "cases", folder / "truth", name)
         return name
     generator.write_case(folder / "cases", folder / "truth", name, kind, seed)

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 
 from studies.benchmark.answer import Answer, read_answer
-from studies.benchmark.case import Case, FloatArray, effects, read_columns
+from studies.benchmark.case import RIG, Case, FloatArray, effects, read_columns
 from studies.page import table
 
 WORSE = 1.02
@@ -151,23 +151,53 @@ def f1(reported: FloatArray, true_gap: FloatArray) -> float:
     return float(2.0 * both / max(1, np.sum(much) + np.sum(where)))
 
 
+def answered_methods(folder: Path) -> list[str]:
+    """Return the names of the methods that have a folder of answers, sorted."""
+    answers = (folder / "answers").glob("*")
+    return sorted(path.name for path in answers if path.is_dir())
+
+
 def scores_of(folder: Path, method: str) -> list[Score]:
     """Return the scores of a method over the cases that have a truth.
 
     Raises:
-        ValueError: an answer is missing or is none; the file is named.
+        ValueError: there are no cases, or an answer is missing or is none; the file is named.
     """
+    truths = sorted((folder / "truth").glob("*.yaml"))
+    if not truths:
+        raise ValueError(f"{folder / 'truth'}: has no cases")
+    answers = folder / "answers" / method
+    if not answers.is_dir():
+        others = ", ".join(answered_methods(folder)) or "no method"
+        raise ValueError(f"{answers}: is no folder; there are answers of {others}")
+    missing = [
+        path.stem for path in truths if not (answers / f"{path.stem}.json").is_file()
+    ]
+    if missing:
+        raise ValueError(
+            f"{answers / missing[0]}.json: is missing; every case needs an answer, "
+            f"{len(missing)} of {len(truths)} have none"
+        )
     scores = []
-    for path in sorted((folder / "truth").glob("*.yaml")):
+    for path in truths:
         case = Case(folder / "cases" / path.stem)
         truth = yaml.safe_load(path.read_text(encoding="utf-8"))
         efficiency = read_columns(path.with_suffix(".csv"))["efficiency"]
-        answer_file = folder / "answers" / method / f"{path.stem}.json"
-        if not answer_file.is_file():
-            raise ValueError(f"{answer_file}: is missing; every case needs an answer")
-        given = read_answer(answer_file, len(efficiency))
+        given = read_answer(answers / f"{path.stem}.json", case)
         scores.append(score(case, truth, efficiency, given))
     return scores
+
+
+def split(
+    scores: dict[str, list[Score]],
+) -> tuple[dict[str, list[Score]], dict[str, list[Score]]]:
+    """Return the scores of simulated cases by method, and those of measured ones."""
+    simulated: dict[str, list[Score]] = {}
+    measured: dict[str, list[Score]] = {}
+    for method, own in scores.items():
+        simulated[method] = [each for each in own if not each.case.startswith(RIG)]
+        measured[method] = [each for each in own if each.case.startswith(RIG)]
+    return simulated, measured
 
 
 # --- tables -----------------------------------------------------------------------------------
@@ -356,9 +386,9 @@ def main() -> None:
     parser.add_argument("methods", nargs="*", help="names of folders; default: all")
     parser.add_argument("--json", action="store_true", help="every score, as JSON")
     options = parser.parse_args()
-    methods = options.methods
+    methods = options.methods or answered_methods(options.folder)
     if not methods:
-        methods = sorted(path.name for path in (options.folder / "answers").iterdir())
+        parser.exit(2, f"error: {options.folder / 'answers'}: has no answers\n")
     try:
         scores = {method: scores_of(options.folder, method) for method in methods}
     except ValueError as error:
@@ -367,8 +397,13 @@ def main() -> None:
         plain = {name: [asdict(each) for each in own] for name, own in scores.items()}
         print(json.dumps(plain, indent=1))
         return
-    print(figures_table(scores, FAILURES), end="\n\n")
-    print(figures_table(scores, SUCCESSES))
+    # Apart, as on the page, so that the figures can be compared with it.
+    for title, part in zip(("Simulated", "Measured"), split(scores), strict=True):
+        count = len(part[methods[0]])
+        if count:
+            print(f"{title} cases: {count}", end="\n\n")
+            print(figures_table(part, FAILURES), end="\n\n")
+            print(figures_table(part, SUCCESSES), end="\n\n")
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from studies.benchmark.generator import names_of, write_case
 from studies.benchmark.methods import METHODS, forward_bic, hmcvt_diagnosis
 from studies.benchmark.methods.linear import linear
 from studies.benchmark.page import page
-from studies.benchmark.scorer import FAILURES, f1, figures_table, scores_of
+from studies.benchmark.scorer import FAILURES, f1, figures_table, scores_of, split
 
 POINTS = 4
 TRUE_GAP = np.array([0.0, 0.0, 0.02, -0.02])
@@ -47,6 +47,7 @@ def made(tmp_path):
     base = {"channel": ["efficiency"] * POINTS, "row": [0.0, 1.0, 2.0, 3.0]}
     same = [0.8] * POINTS
     table = {**base, "base": same, "linear": same, "nuisance:leakage": same}
+    table["churning:with the oil/exponent=1.5"] = same
     write_columns(own / "model_points.csv", table)
     (tmp_path / "truth").mkdir()
     write_columns(tmp_path / "truth" / "made.csv", {"efficiency": 0.8 + TRUE_GAP})
@@ -126,6 +127,10 @@ def test_tests_and_points_at_which_the_base_stalls_do_not_count(made):
     assert found.removed == 1.0
 
 
+def one_set(names):
+    return [{"effects": names, "probability": 0.7}]
+
+
 def test_f1_of_the_places():
     assert f1(TRUE_GAP, TRUE_GAP) == 1.0
     assert f1(np.zeros(4), TRUE_GAP) == 0.0
@@ -136,6 +141,10 @@ def test_f1_of_the_places():
     ("field", "value", "message"),
     [
         ("format", "other/1", "format = 'other/1'"),
+        ("case", "other", "case = 'other', must be \"made\""),
+        ("method", "other", "method = 'other', must be \"mine\""),
+        ("part", "pmup", "part = 'pmup', must be .* \"pump\""),
+        ("part", ["pump"], r"part = \['pump'\]"),
         ("verdict", "perhaps", "verdict = 'perhaps'"),
         ("sets", [], "sets is empty"),
         (
@@ -143,26 +152,63 @@ def test_f1_of_the_places():
             [{"effects": ["churning"], "probability": 2}],
             r"sets\[1\].probability",
         ),
+        ("sets", {"churning": 0.7}, "sets = .* must be a list"),
+        ("sets", one_set("churning"), r"sets\[1\].effects = 'churning'"),
+        ("sets", one_set(5), r"sets\[1\].effects = 5, must be a list"),
+        ("sets", one_set(["chruning"]), r"sets\[1\] names 'chruning'"),
+        ("sets", one_set(["churning:with oil"]), "names 'churning:with oil'"),
+        ("sets", one_set(["churning/exponent=1.5"]), "names .* without shape"),
         ("unlisted_probability", 0.9, "sum to 1.8"),
+        ("unlisted_probability", float("nan"), "unlisted_probability = nan"),
+        ("promised", float("-inf"), "promised = -inf"),
+        ("seconds", "fast", "seconds = 'fast', must be a finite number"),
+        ("seconds", float("nan"), "seconds = nan"),
         ("no_gap_probability", None, "no_gap_probability = None"),
+        ("gap", 5, "gap holds int, must be a list"),
         ("gap", [0.0], "gap has 1 values, must have 4"),
         ("gap_deviation", [0.0, 0.0, -1.0, 0.0], r"gap_deviation\[3\] = -1.0"),
         ("prediction", [0.8, 0.8, float("nan"), 0.8], r"prediction\[3\] = nan"),
     ],
 )
-def test_a_wrong_answer_file_is_named(tmp_path, field, value, message):
-    path = tmp_path / "made.json"
+def test_a_wrong_answer_file_is_named(made, field, value, message):
+    path = made / "mine" / "made.json"
     write_answer(path, ANSWER)
     data = json.loads(path.read_text())
     data[field] = value
     path.write_text(json.dumps(data))
-    with pytest.raises(ValueError, match=message):
-        read_answer(path, POINTS)
+    with pytest.raises(ValueError, match=message) as raised:
+        read_answer(path, Case(made / "cases" / "made"))
+    assert str(raised.value).startswith(f"{path}: ")
 
 
-def test_an_answer_file_comes_back_as_it_was(tmp_path):
-    write_answer(tmp_path / "a.json", ANSWER)
-    assert read_answer(tmp_path / "a.json", POINTS) == ANSWER
+@pytest.mark.parametrize("field", ["part", "promised", "seconds", "method"])
+def test_a_missing_field_is_named(made, field):
+    path = made / "mine" / "made.json"
+    write_answer(path, ANSWER)
+    data = json.loads(path.read_text())
+    del data[field]
+    path.write_text(json.dumps(data))
+    with pytest.raises(ValueError, match=f"made.json: has no {field}$"):
+        read_answer(path, Case(made / "cases" / "made"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("", "not JSON"), ("verdict: listed", "not JSON"), ("[]", "holds list")],
+)
+def test_a_file_that_is_no_answer_is_named(made, text, message):
+    path = made / "made.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"made.json: {message}"):
+        read_answer(path, Case(made / "cases" / "made"))
+
+
+def test_an_answer_file_comes_back_as_it_was(made):
+    with_form = replace(ANSWER, sets=((("churning:with the oil",), 0.7),))
+    for given in (ANSWER, with_form):
+        write_answer(made / "mine" / "made.json", given)
+        case = Case(made / "cases" / "made")
+        assert read_answer(made / "mine" / "made.json", case) == given
 
 
 def test_the_scorer_needs_nothing_of_hmcvt(made):
@@ -182,13 +228,37 @@ def test_the_scorer_needs_nothing_of_hmcvt(made):
 
 
 def test_a_missing_answer_is_named(made):
-    with pytest.raises(ValueError, match=r"answers.mine.made\.json: is missing"):
+    (made / "answers" / "mine").mkdir(parents=True)
+    with pytest.raises(ValueError, match=r"mine.made\.json: is missing.* 1 of 1"):
         scores_of(made, "mine")
 
 
+def test_a_wrong_name_of_a_method_or_folder_is_named(made):
+    write_answer(made / "answers" / "mine" / "made.json", ANSWER)
+    (made / "answers" / "notes.txt").touch()
+    with pytest.raises(ValueError, match=r"mien: is no folder; .* answers of mine$"):
+        scores_of(made, "mien")
+    with pytest.raises(ValueError, match="truth: has no cases"):
+        scores_of(made / "answers", "mine")
+
+
+def test_measured_cases_are_scored_apart(made):
+    one = scored(made, ANSWER)
+    measured = replace(one, case="rig-sound0")
+    assert split({"mine": [one, measured]}) == ({"mine": [one]}, {"mine": [measured]})
+
+
+def test_a_page_without_answers_of_hmcvt_says_so(made):
+    write_answer(made / "answers" / "mine" / "made.json", ANSWER)
+    with pytest.raises(ValueError, match="hmcvt: is no folder"):
+        page(made, "the command", 96_500_000)
+
+
 def test_the_page_lists_where_a_baseline_is_better(made):
-    write_answer(made / "answers" / "hmcvt" / "made.json", ANSWER)
-    better = replace(ANSWER, prediction=(0.8, 0.8, 0.82, 0.78))
+    write_answer(
+        made / "answers" / "hmcvt" / "made.json", replace(ANSWER, method="hmcvt")
+    )
+    better = replace(ANSWER, method="LASSO", prediction=(0.8, 0.8, 0.82, 0.78))
     write_answer(made / "answers" / "LASSO" / "made.json", better)
     written = page(made, "the command", 96_500_000)
     assert "kept apart from development" in written
@@ -218,7 +288,7 @@ def test_a_case_of_the_twin_is_written_and_answered(tmp_path):
     hidden = [p for p in case.folder.iterdir() if "displacement_error" in p.read_text()]
     assert {path.name for path in hidden} == {"model_tests.csv", "model_points.csv"}
     for method in (forward_bic, hmcvt_diagnosis):
-        given = method.answer(case)
+        given = replace(method.answer(case), method="m")
         write_answer(tmp_path / "one" / "answers" / "m" / f"{name}.json", given)
         (found,) = scores_of(tmp_path / "one", "m")
         assert found.exact, method
@@ -238,6 +308,7 @@ def test_every_baseline_answers(tmp_path):
             continue
         __import__(f"studies.benchmark.methods.{module}")
         given = sys.modules[f"studies.benchmark.methods.{module}"].answer(case)
+        given = replace(given, method=method)
         write_answer(tmp_path / "answers" / method / f"{name}.json", given)
         scores[method] = scores_of(tmp_path, method)
         assert scores[method][0].removed > 0.5, method
@@ -258,7 +329,7 @@ def test_a_measured_case_has_a_baseline_and_is_answered(tmp_path):
     assert case.card["licence"].startswith("CC BY 4.0")
     for method, module in (("hmcvt", hmcvt_diagnosis), ("bic", forward_bic)):
         path = tmp_path / "answers" / method / f"{name}.json"
-        write_answer(path, module.answer(case))
+        write_answer(path, replace(module.answer(case), method=method))
         (found,) = scores_of(tmp_path, method)
         assert found.same_class and found.part
         assert found.removed > 0.9
