@@ -22,7 +22,7 @@ from ..logs.selection import ENGAGED, TAKE_OFFS, Selection
 from .condition import Moves, moves
 from .intervals import Deviations, Inputs, deviations, rate_of_change
 from .settings import EstimateSettings
-from .solving import QUANTILE, Solved, Stages
+from .solving import QUANTILE, Solved, Stages, unsolved
 
 STANDING = 5.0 * RPM
 """Output speed below which the output stands [rad/s]: it takes no power."""
@@ -264,13 +264,7 @@ class Estimator:
     def _unsolved(self, count: int) -> Solved:
         """Return a result without any load."""
         errors = 3 if self.model.states_errors else 0
-        return Solved(
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            np.full((errors, count), np.nan),
-            np.full(count, np.nan),
-        )
+        return unsolved(count, errors)
 
     def _solve(
         self, at: Inputs, stage: NDArray[np.intp], oil_temperature: Array | None

@@ -64,6 +64,18 @@ class Solved(NamedTuple):
     stroke_deviation: Array
 
 
+def unsolved(count: int, parameters: int) -> Solved:
+    """Return results without any load: NaN throughout.
+
+    Args:
+        count: of the results.
+        parameters: with a standard error.
+    """
+    changes = np.full((parameters, count), np.nan)
+    load, stroke, slope, deviation = np.full((4, count), np.nan)
+    return Solved(load, stroke, slope, changes, deviation)
+
+
 class _Held(NamedTuple):
     """What is held while a load is searched; arrays of shape (n,).
 
@@ -162,11 +174,7 @@ class StageSolver:
             temperature = oil_temperature
         known = OIL_TEMPERATURE.contains(temperature)
         at = _Held(engine_speed, output_speed, temperature)
-        missing = np.full(count, np.nan)
-        changes = np.full((len(self._neighbours), count), np.nan)
-        solved = Solved(
-            missing, missing.copy(), missing.copy(), changes, missing.copy()
-        )
+        solved = unsolved(count, len(self._neighbours))
         for rows in (np.flatnonzero(known), np.flatnonzero(~known)):
             for start in range(0, len(rows), CHUNK):
                 chunk = rows[start : start + CHUNK]

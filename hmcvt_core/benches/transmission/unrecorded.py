@@ -26,7 +26,9 @@ _QUANTITIES: tuple[tuple[str, str, type[Effect]], ...] = (
 
 
 def unrecorded(system: System, base: Array, points: Points) -> Sequence[Unrecorded]:
-    """Return the quantities that no column records, with what a change does to the readings.
+    """Return quantities that may vary, with what a change of each does to the readings.
+
+    Those that a column records are left out by the diagnosis (`statements/scatter.py`).
 
     Args:
         system: the transmission.
@@ -37,8 +39,6 @@ def unrecorded(system: System, base: Array, points: Points) -> Sequence[Unrecord
     for name, sensor, kind in _QUANTITIES:
         at_points = points
         if kind is UnreadOilTemperature:
-            if OIL_TEMPERATURE.name in points:
-                continue
             # The viscosity acts only where there is a temperature; which one does not matter.
             some_row = next(iter(points.values()))
             nominal = np.full(len(some_row), REFERENCE_TEMPERATURE)
