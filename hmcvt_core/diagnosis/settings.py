@@ -460,6 +460,13 @@ MAX_FAMILIES = 8
 Source: limit of computing time.
 """
 
+BASE_AMPLITUDE_LIMIT = math.exp(AMPLITUDE_LOG_DEVIATION)
+"""Amplitude of the base discrepancy [of its scale] up to which the base model is a little off.
+
+Source: two prior deviations of an amplitude, a factor of four. What is larger is a loss that the
+set misses.
+"""
+
 AMPLITUDE_TOLERANCE = 0.03
 """Change of the log evidence [nats] in a round at which the amplitudes have converged.
 

@@ -47,6 +47,18 @@ def test_nothing_hidden_is_no_gap():
     assert diagnosis.verdict == "no_gap"
 
 
+def test_what_the_base_model_cannot_be_off_by_is_an_unlisted_loss():
+    points, readings = drive()["campaign"](seed=1)
+    # Iron saturates above a torque, many times the noise: partly like weaker magnets.
+    excess = np.maximum(points["torque"] - 50.0, 0.0)
+    readings["phase_current"] = readings["phase_current"] * (1.0 + 0.005 * excess)
+    samples = hmcvt.observe_system(
+        drive()["system"], {**points, **readings}, noise=drive()["CHANNEL_NOISE"]
+    )
+    diagnosis = hmcvt.diagnose_system(drive()["system"], samples)
+    assert diagnosis.verdict in ("unexplained", "other_form")
+
+
 def test_without_a_power_none_is_stated():
     silent = replace(drive()["system"], power=None)
     diagnosis = hmcvt.diagnose_system(silent, observed(bearing_drag=1.0))

@@ -197,8 +197,8 @@ def _excess_scatter(outcome: Outcome) -> str:
         )
     else:
         sentence = (
-            f"Along the axes that were recorded nothing explains the readings, but they scatter "
-            f"up to {agreement.ratio:.2g} times as much as the noise that was stated "
+            "No cause is seen along the axes that were recorded, but the readings scatter up to "
+            f"{agreement.ratio:.2g} times as much as the noise that was stated "
             f"({outcome.gap.noise_source})"
         )
         parts = [look for look in agreement.readings if look.part]

@@ -25,6 +25,7 @@ from ..fitting.evidence import (
 from ..fitting.refit import Fit, linearise, refit
 from ..observations import Observations
 from ..settings import (
+    BASE_AMPLITUDE_LIMIT,
     EXPLAINED_BY_SET,
     EXTRA_DISCREPANCY_FRACTION,
     FORM_ALLOWANCES,
@@ -171,8 +172,9 @@ class Explanation:
     def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the parts of the squared change by an extra discrepancy, and that the set misses.
 
-        What the set misses has two measures, of which the smaller counts: the part that the bends
-        of its forms make, and the part of the reduction of squares that it does not reach alone.
+        A base model that is more than a little off is an extra discrepancy. What the set misses
+        has two measures, of which the smaller counts: the part that the bends of its forms make,
+        and the part of the reduction of squares that it does not reach alone.
 
         Args:
             base_only: the base model alone.
@@ -180,8 +182,11 @@ class Explanation:
         theta_count = len(self.fit.theta)
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
-        of_base, _ = base_discrepancy(self.fit.observed)
-        bends_begin = theta_count + np.isin(of_base.family, self.families).sum()
+        of_base, base_spread = base_discrepancy(self.fit.observed)
+        base_spread = base_spread[np.isin(of_base.family, self.families)]
+        bends_begin = theta_count + len(base_spread)
+        amplitude = self.model.spread[theta_count:bends_begin] / base_spread
+        far_off = theta_count + np.flatnonzero(amplitude > BASE_AMPLITUDE_LIMIT)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
@@ -194,7 +199,9 @@ class Explanation:
         remaining = np.sum(complete**2)
         total_change = np.sum((base - complete) ** 2) + ROUNDING
         reduction = max(np.sum(base**2) - remaining, ROUNDING)
-        extra_part = np.sum((with_form_errors - complete) ** 2) / total_change
+        of_far_off = self.model.columns[..., far_off] @ self.model.mean[far_off]
+        extra = with_form_errors - complete + of_far_off / deviation
+        extra_part = np.sum(extra**2) / total_change
         bends_part = (
             np.sum((with_base_allowance - with_form_errors) ** 2) / total_change
         )

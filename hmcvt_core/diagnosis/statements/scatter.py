@@ -363,8 +363,8 @@ def _sentence(
         wrong = "a meter is outside its class"
     if of_axes > LIKELY:
         return (
-            f"The base model is off along the axes ({probability(of_axes)}), by less than a cause "
-            f"would need; or {wrong}, or something varied that was not recorded."
+            f"It follows the axes ({probability(of_axes)}): the base model is off, or a loss is "
+            f"missing; or {wrong}, or something varied that was not recorded."
         )
     known = [(name, p) for name, p in quantities if name in sensors]
     over = "" if time_scale is None else f" {_OVER[time_scale]}"
