@@ -24,8 +24,15 @@ from .detection.significance import significance
 from .observations import Observations
 from .preparation import prepare
 from .results.diagnosis import Diagnosis
-from .results.notes import noise_notes
-from .results.outcome import BASE, LEADING_SET, NAMING, Delivered, Gap
+from .results.notes import base_notes, noise_notes
+from .results.outcome import (
+    BASE,
+    LEADING_SET,
+    NAMING,
+    Delivered,
+    Gap,
+    keeping_base,
+)
 from .results.shrinkage import CrossValidation, Holdout
 from .results.summary import (
     causes_of,
@@ -96,6 +103,10 @@ def diagnose_system(
     diagnosis = _summarise(
         analysis, validation, judge, advice, tuple(warnings), first_notes
     )
+    fraction = diagnosis.shrinkage.fraction
+    if judge is validation and fraction is not None and fraction < 0.0:
+        # A holdout judges the model and does not choose it.
+        diagnosis = replace(keeping_base(diagnosis), served=diagnosis.base)
     return replace(diagnosis, left_out=outliers)
 
 
@@ -156,6 +167,7 @@ def _summarise(
             *first_notes,
             *measurement.notes,
             *noise_notes(analysis),
+            *base_notes(analysis),
             *system.remarks(observed.samples),
             *verdict_notes,
         ),

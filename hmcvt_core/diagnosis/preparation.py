@@ -24,6 +24,8 @@ from .observations import (
     tie_free,
 )
 from .settings import (
+    HIGHEST_MISFIT,
+    HIGHEST_SENSITIVITY,
     MAD_TO_DEVIATION,
     MAX_OUTLIER_FRACTION,
     MAX_SAMPLES,
@@ -69,7 +71,7 @@ def prepare(system: System, observed: Observations) -> Prepared:
         observed: all samples.
 
     Raises:
-        InputError: what remains cannot carry a diagnosis.
+        InputError: what remains cannot carry a diagnosis, or is too far from the model.
     """
     base, notes = _refit_to_answered(system, observed)
     base = _with_transition_noise(base)
@@ -81,6 +83,7 @@ def prepare(system: System, observed: Observations) -> Prepared:
         base, further_notes = _refit_to_answered(system, observed.without(slips))
         notes += further_notes
     _check_count(system, base.observed)
+    _check_scale(base)
     if len(base.observed) > MAX_SAMPLES:
         notes.append(
             f"{MAX_SAMPLES} of {len(base.observed)} samples are weighed, evenly spread over the "
@@ -90,6 +93,29 @@ def prepare(system: System, observed: Observations) -> Prepared:
         base = refit(base.hypothesis, base.observed.select(kept), base.theta)
     base, notes = _with_uneven_noise(base, notes)
     return Prepared(base, notes, described)
+
+
+def _check_scale(fit: Fit) -> None:
+    """Refuse readings or base parameters so far off that the digits of squares are lost."""
+    sensitivity = np.sqrt(np.mean(fit.jacobian**2, axis=(0, 1)))
+    sensitivity = sensitivity * fit.hypothesis.base_spread
+    widest = int(sensitivity.argmax())
+    if sensitivity[widest] > HIGHEST_SENSITIVITY:
+        name = (*fit.hypothesis.system.base.names, *fit.observed.shared_names)[widest]
+        raise InputError(
+            f"one prior standard deviation of {name} changes the readings by "
+            f"{sensitivity[widest]:.2g} times their noise, more than {HIGHEST_SENSITIVITY:.0e}: "
+            "check the units of the axes and the noise"
+        )
+    misfits = np.sqrt(np.mean(fit.whitened**2, axis=1))
+    worst = int(misfits.argmax())
+    if misfits[worst] > HIGHEST_MISFIT:
+        channel = fit.observed.channels[worst]
+        raise InputError(
+            f"{channel.name} lies {misfits[worst]:.2g} standard deviations from the refitted "
+            f"model, more than {HIGHEST_MISFIT:.0e}: check its noise, its unit ({channel.unit}) "
+            "and those of the axes"
+        )
 
 
 # --- samples without an answer --------------------------------------------------------------

@@ -211,6 +211,18 @@ Source: chosen on development campaigns.
 
 # --- fitting --------------------------------------------------------------------------------
 
+HIGHEST_MISFIT = 1e5
+"""Root mean square of the residuals of the refitted model [deviations] that is refused.
+
+Source: squares of more, beside priors of one, lose the digits of double precision.
+"""
+
+HIGHEST_SENSITIVITY = 1e7
+"""Change of the readings by a prior deviation of a base parameter [deviations] that is refused.
+
+Source: as of `HIGHEST_MISFIT`: its square leaves two digits of a prior of one.
+"""
+
 NO_ANSWER = 100.0
 """Deviations charged for each reading that a hypothesis cannot predict.
 
@@ -742,6 +754,12 @@ NOISE_AS_STATED = (0.75, 1.33)
 """Ratio of estimated to stated noise between which the statement is not commented on.
 
 Source: chosen.
+"""
+
+PARAMETER_FAR_OFF = 4.0
+"""Deviations of a base parameter from its prior mean, in prior deviations, from which it is named.
+
+Source: chosen; by chance one parameter in 16,000.
 """
 
 METER_FAR_OFF = 3.0

@@ -19,7 +19,7 @@ from .answer import (
     unit_in_words,
 )
 from .axes import MOST, columns
-from .gap_map import draw_gap, lead_map, machine, page_maps
+from .gap_map import draw_gap, lead_map, machine, page_maps, views
 from .pictures import drawn
 from .residuals import draw_residuals, residual_table, residuals, stage_head, stage_rows
 from .watts import stage_watts, watts
@@ -46,6 +46,7 @@ __all__ = [
     "test_labels",
     "test_rows",
     "unit_in_words",
+    "views",
     "watts",
 ]
 

@@ -18,6 +18,7 @@ from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.stages import main_stage, stages_of
 from hmcvt_core.diagnosis.settings import REGION_SIGNIFICANCE
 from hmcvt_core.diagnosis.system import Axis
+from hmcvt_core.errors import InputError
 from hmcvt_core.transmission.ranges import Array
 
 from .axes import (
@@ -177,7 +178,7 @@ class _Reach(NamedTuple):
 
 
 def views(diagnosis: Diagnosis) -> list[View]:
-    """Return every pair of axes, those that a test can set first."""
+    """Return every pair of axes, those that a test can set first; none of a single axis."""
     pairs = itertools.combinations(map_axes(diagnosis), 2)
     return sorted(pairs, key=lambda pair: not (pair[0].steered and pair[1].steered))
 
@@ -410,7 +411,14 @@ def draw_gap(figure: Any, diagnosis: Diagnosis, ax: Any = None) -> None:
         figure: empty matplotlib figure.
         diagnosis: with or without a gap.
         ax: axes to draw the first map into instead.
+
+    Raises:
+        InputError: there is only one axis.
     """
+    if not views(diagnosis):
+        raise InputError(
+            "a map of the gap needs two axes: plot residuals, or use gap_at"
+        )
     if ax is not None:
         draw_view(ax, diagnosis, views(diagnosis)[0])
         return

@@ -22,7 +22,7 @@ from .answer import (
     sizes,
     unit_in_words,
 )
-from .gap_map import draw_gap_map, largest_gap_map, machine, place_in_words
+from .gap_map import draw_gap_map, largest_gap_map, machine, place_in_words, views
 from .style import INK, SOFT, styled, to_pdf
 
 _PAPER = (8.27, 11.69)  # A4 [in]
@@ -119,6 +119,9 @@ def _draw_picture(
 ) -> float:
     """Draw the map where the gap is largest; return the height below it and its caption."""
     import matplotlib as mpl
+
+    if not views(diagnosis):
+        return height
 
     sizes_of_letters: dict[Any, Any] = {
         "font.size": _FONT,

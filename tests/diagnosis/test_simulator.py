@@ -26,6 +26,18 @@ def observed(**hidden):
     )
 
 
+def drive_campaign():
+    points, readings = drive()["campaign"](seed=1)
+    return dict(points), dict(readings)
+
+
+def drive_diagnosis(points, readings):
+    samples = hmcvt.observe_system(
+        drive()["system"], {**points, **readings}, noise=drive()["CHANNEL_NOISE"]
+    )
+    return hmcvt.diagnose_system(drive()["system"], samples)
+
+
 @cache
 def diagnosed():
     return hmcvt.diagnose_system(drive()["system"], observed(magnet_weakening=0.04))
@@ -48,15 +60,45 @@ def test_nothing_hidden_is_no_gap():
 
 
 def test_what_the_base_model_cannot_be_off_by_is_an_unlisted_loss():
-    points, readings = drive()["campaign"](seed=1)
+    points, readings = drive_campaign()
     # Iron saturates above a torque, many times the noise: partly like weaker magnets.
     excess = np.maximum(points["torque"] - 50.0, 0.0)
     readings["phase_current"] = readings["phase_current"] * (1.0 + 0.005 * excess)
-    samples = hmcvt.observe_system(
-        drive()["system"], {**points, **readings}, noise=drive()["CHANNEL_NOISE"]
-    )
-    diagnosis = hmcvt.diagnose_system(drive()["system"], samples)
+    diagnosis = drive_diagnosis(points, readings)
     assert diagnosis.verdict in ("unexplained", "other_form")
+
+
+def test_a_smooth_loss_of_thirty_deviations_is_no_base_a_little_off():
+    points, readings = drive_campaign()
+    speed = (points["speed"] - 325.0) / 275.0
+    torque = (points["torque"] - 42.5) / 37.5
+    readings["battery_power"] = readings["battery_power"] + 450.0 * speed * torque
+    diagnosis = drive_diagnosis(points, readings)
+    assert diagnosis.verdict == "unexplained"
+    assert "slightly off" not in diagnosis.report()
+
+
+def test_a_unit_that_no_model_reaches_is_refused():
+    points, readings = drive_campaign()
+    readings["battery_power"] = readings["battery_power"] * 1e6
+    with pytest.raises(hmcvt.InputError, match=r"battery_power lies .* its unit \(W\)"):
+        drive_diagnosis(points, readings)
+
+
+def test_an_axis_in_another_unit_is_refused():
+    points, readings = drive_campaign()
+    points["speed"] = points["speed"] * 1e8
+    with pytest.raises(hmcvt.InputError, match="iron_loss changes the readings"):
+        drive_diagnosis(points, readings)
+
+
+def test_a_base_parameter_far_from_its_prior_is_named():
+    points, readings = drive_campaign()
+    further = 1.5 * 0.010 * readings["phase_current"] ** 2  # more copper resistance
+    readings["battery_power"] = readings["battery_power"] + further
+    diagnosis = drive_diagnosis(points, readings)
+    assert "resistance" in diagnosis.report().split("\n")[0]
+    assert any("resistance of the base model lies" in n for n in diagnosis.notes)
 
 
 def test_without_a_power_none_is_stated():

@@ -70,7 +70,7 @@ class Diagnosis(Outcome):
             The matplotlib figure.
 
         Raises:
-            InputError: `of` names no picture, or matplotlib is missing.
+            InputError: `of` names no picture, the gap has one axis alone, or matplotlib is missing.
         """
         return picture(self, of=of, ax=ax)
 

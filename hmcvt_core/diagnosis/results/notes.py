@@ -9,9 +9,39 @@ import numpy as np
 
 from ..analysis import Analysis, rms
 from ..detection.significance import significance
-from ..fitting.refit import refit
+from ..fitting.refit import Fit, refit
 from ..selection.explanation import Explanation
-from ..settings import METER_FAR_OFF, NOISE_AS_STATED, ROUNDING, SMALL_CAMPAIGN
+from ..settings import (
+    METER_FAR_OFF,
+    NOISE_AS_STATED,
+    PARAMETER_FAR_OFF,
+    ROUNDING,
+    SMALL_CAMPAIGN,
+)
+from ..wording import plain
+
+
+def base_notes(analysis: Analysis) -> tuple[str, ...]:
+    """Name the base parameters that the readings move far from where they were expected."""
+    explanation = analysis.posterior.base_only
+    if analysis.significant and analysis.has_candidates:
+        explanation, _ = analysis.leading
+    return tuple(
+        f"{plain(name)} of the base model lies {deviations:.2g} standard deviations from what was "
+        "expected: check it, and the units of the readings"
+        for name, deviations in parameters_far_off(explanation.fit).items()
+    )
+
+
+def parameters_far_off(fit: Fit) -> dict[str, float]:
+    """Return deviations from their prior of the base parameters that are far off, by name."""
+    base = fit.hypothesis.system.base
+    deviations = np.abs(fit.base - base.mean) / base.spread
+    far_off = {}
+    for name, deviation in zip(base.names, deviations.tolist(), strict=True):
+        if deviation >= PARAMETER_FAR_OFF:
+            far_off[name] = deviation
+    return far_off
 
 
 def noise_notes(analysis: Analysis) -> tuple[str, ...]:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from ..design.advice import named
 from ..design.classes import with_probabilities
-from ..settings import CAUSE_FOUND_PROBABILITY
+from ..settings import CAUSE_FOUND_PROBABILITY, LIKELY
 from ..statements.agreement import METERS, Look
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
-from .notes import meters_far_off
+from .notes import meters_far_off, parameters_far_off
 from .outcome import BASE, Outcome, Region
 
 WIDE_FRACTION = 0.75
@@ -78,6 +78,13 @@ def _no_gap_headline(outcome: Outcome) -> str:
             f"The {plain(name)} scatters {far_off[name]:.2g} times as much as its meter should: "
             "check that meter."
         )
+    moved = parameters_far_off(outcome.posterior.base_only.fit)
+    if moved:
+        name = max(moved, key=lambda name: moved[name])
+        return (
+            f"Bench and model agree, but only with {plain(name)} {moved[name]:.2g} standard "
+            "deviations from what was expected: check it."
+        )
     no_gap = outcome.posterior.no_gap
     if no_gap < CAUSE_FOUND_PROBABILITY:
         return f"Bench and model agree with only {percent(no_gap)}: more tests would decide."
@@ -89,11 +96,15 @@ def _scatter_headline(outcome: Outcome) -> str:
     sensor = "what may have varied"
     if outcome.scatter is not None and outcome.scatter.sensor:
         sensor = outcome.scatter.sensor
-    if not agreement.of_meters_alone:
-        ratio = f"up to {agreement.ratio:.1f} times their stated noise"
+    if agreement.holds:
+        name, ratio = _noisiest(outcome)
         return (
-            f"The readings scatter {ratio}: check that statement, or record {sensor}."
+            f"The {name} scatters {ratio:.1f} times as much as it should: check its noise, or "
+            f"record {sensor}."
         )
+    if not agreement.of_meters_alone:
+        ratio_words = f"up to {agreement.ratio:.1f} times their stated noise"
+        return f"The readings scatter {ratio_words}: check that statement, or record {sensor}."
     of_one_error = [look for look in agreement.looks if look.part != METERS]
     if not of_one_error:
         return (
@@ -103,6 +114,19 @@ def _scatter_headline(outcome: Outcome) -> str:
     look = max(of_one_error, key=lambda look: look.ratio)
     changed = f"{look.part} changed {look.ratio:.1f} times as much as its class allows"
     return f"{changed[0].upper()}{changed[1:]}: check that meter, or record {sensor}."
+
+
+def _noisiest(outcome: Outcome) -> tuple[str, float]:
+    """Return the channel whose scatter exceeds its statement most, and by how much."""
+    explanations = [item for item, _ in outcome.posterior.entries]
+    explanation = next(
+        (item for item in explanations if item.has_excess_noise),
+        outcome.posterior.base_only,
+    )
+    noise = explanation.model.noise
+    largest = int(noise.argmax())
+    name = explanation.fit.observed.channels[largest].name
+    return plain(name), float(noise[largest] ** 0.5)
 
 
 def _at_largest_gap(outcome: Outcome) -> str:
@@ -178,6 +202,9 @@ def _no_gap(outcome: Outcome) -> str:
         f"{outcome.gap.samples} samples by no more than their noise of "
         f"{amount(outcome, outcome.gap.noise)} explains."
     )
+    rivals = 1.0 - outcome.posterior.no_gap
+    if rivals > LIKELY:
+        sentence += f" Even so, a gap fits them better ({probability(rivals)}): it is not decided."
     if outcome.left_out:
         sentence += (
             f" Left out as single tests that stand apart: {listed(outcome.left_out, 'and')}. If "
@@ -194,6 +221,12 @@ def _excess_scatter(outcome: Outcome) -> str:
         sentence = (
             "Bench and model agree, but only if errors of meters are larger than their class "
             f"allows: {of_meters}"
+        )
+    elif agreement.holds:
+        name, ratio = _noisiest(outcome)
+        sentence = (
+            f"No cause is seen along the axes that were recorded, but the {name} scatters "
+            f"{ratio:.2g} times as much as its noise should"
         )
     else:
         sentence = (
@@ -295,12 +328,14 @@ def _explanation(outcome: Outcome) -> str:
     if outcome.verdict != "ambiguous":
         members = [_with_probability(item) for item in outcome.present]
         verb = "are" if len(members) > 1 else "is"
+        among = f": {listed(sets)}" if sets else ""
         return (
-            f"{listed(members, 'and')} {verb} part of the cause; which others join is open: "
-            f"{listed(sets)}"
+            f"{listed(members, 'and')} {verb} part of the cause; whether others join is open"
+            f"{among}"
         )
     if leading.probability < OUTSTANDING_PROBABILITY:
-        return f"several sets of causes remain possible, among them {listed(sets[:3], 'and')}"
+        among = f", among them {listed(sets[:3], 'and')}" if sets else ""
+        return f"several sets of causes remain possible{among}"
     best, *others = sets
     rivals = listed(others) or named(())
     return (

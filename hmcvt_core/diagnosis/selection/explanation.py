@@ -124,7 +124,20 @@ class Explanation:
         """Whether it is a base model that is a little off and nothing else."""
         if self.fit.hypothesis.effects or self.discrepancy is None:
             return False
-        return self.discrepancy.is_base
+        return self.discrepancy.is_base and not self._far_off(self.discrepancy.families)
+
+    def _far_off(self, families: Sequence[int] | None) -> list[int]:
+        """Return the coefficients of a base discrepancy that is more than a little off.
+
+        Args:
+            families: of the base discrepancy, whose coefficients follow theta; None for all.
+        """
+        of_base, spread = base_discrepancy(self.fit.observed)
+        if families is not None:
+            spread = spread[np.isin(of_base.family, families)]
+        begin = len(self.fit.theta)
+        amplitude = self.model.spread[begin : begin + len(spread)] / spread
+        return (begin + np.flatnonzero(amplitude > BASE_AMPLITUDE_LIMIT)).tolist()
 
     def explained_fraction(self, base_only: Explanation) -> float:
         """Return how far the listed effects explain the gap, 0 to 1.
@@ -182,11 +195,9 @@ class Explanation:
         theta_count = len(self.fit.theta)
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
-        of_base, base_spread = base_discrepancy(self.fit.observed)
-        base_spread = base_spread[np.isin(of_base.family, self.families)]
-        bends_begin = theta_count + len(base_spread)
-        amplitude = self.model.spread[theta_count:bends_begin] / base_spread
-        far_off = theta_count + np.flatnonzero(amplitude > BASE_AMPLITUDE_LIMIT)
+        of_base, _ = base_discrepancy(self.fit.observed)
+        bends_begin = theta_count + np.isin(of_base.family, self.families).sum()
+        far_off = self._far_off(self.families)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]

@@ -104,6 +104,9 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
             break
     if posterior.scatter > posterior.unlisted / 2.0:
         if named is not None:
+            doubts = _doubts(_likeliest_with(analysis, named))
+            if doubts:
+                return "ambiguous", doubts
             return "class_found" if named.is_class else "cause_found", ()
         if posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
             return "ambiguous", ()
