@@ -97,13 +97,13 @@ def prepare(system: System, observed: Observations) -> Prepared:
 
 def _check_scale(fit: Fit) -> None:
     """Refuse readings or base parameters so far off that the digits of squares are lost."""
-    sensitivity = np.sqrt(np.mean(fit.jacobian**2, axis=(0, 1)))
-    sensitivity = sensitivity * fit.hypothesis.base_spread
+    base = fit.hypothesis.system.base
+    changes = fit.jacobian[..., : len(base)] * base.spread
+    sensitivity = np.sqrt(np.mean(changes**2, axis=(0, 1)))
     widest = int(sensitivity.argmax())
     if sensitivity[widest] > HIGHEST_SENSITIVITY:
-        name = (*fit.hypothesis.system.base.names, *fit.observed.shared_names)[widest]
         raise InputError(
-            f"one prior standard deviation of {name} changes the readings by "
+            f"one prior standard deviation of {base.names[widest]} changes the readings by "
             f"{sensitivity[widest]:.2g} times their noise, more than {HIGHEST_SENSITIVITY:.0e}: "
             "check the units of the axes and the noise"
         )
