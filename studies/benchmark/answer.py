@@ -73,7 +73,7 @@ def read_answer(path: Path, case: Case) -> Answer:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not JSON: {error}") from error
     if not isinstance(data, dict):
         raise ValueError(f"{path}: holds {type(data).__name__}, must be an object")

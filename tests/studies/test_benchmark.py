@@ -194,7 +194,12 @@ def test_a_missing_field_is_named(made, field):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "not JSON"), ("verdict: listed", "not JSON"), ("[]", "holds list")],
+    [
+        ("", "not JSON"),
+        ("verdict: listed", "not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ("[]", "holds list"),
+    ],
 )
 def test_a_file_that_is_no_answer_is_named(made, text, message):
     path = made / "made.json"
