@@ -103,10 +103,8 @@ def diagnose_system(
     diagnosis = _summarise(
         analysis, validation, judge, advice, tuple(warnings), first_notes
     )
-    fraction = diagnosis.shrinkage.fraction
-    if judge is validation and fraction is not None and fraction < 0.0:
-        # A holdout judges the model and does not choose it.
-        diagnosis = replace(keeping_base(diagnosis), served=diagnosis.base)
+    if diagnosis.shrinkage.grows:
+        diagnosis = keeping_base(diagnosis)
     return replace(diagnosis, left_out=outliers)
 
 

@@ -33,7 +33,6 @@ from ...diagnosis.fitting.cross_validation import (
 )
 from ...diagnosis.observations import Observations, scaled_to_extent
 from ...diagnosis.results.outcome import AVERAGE, BASE, LEADING_SET, Delivered
-from ...diagnosis.results.shrinkage import CrossValidation
 from ...diagnosis.selection.explanation import Explanation
 from ...diagnosis.settings import SMALL_CAMPAIGN
 from ...diagnosis.system import Array, Points
@@ -120,7 +119,7 @@ def with_served_model(diagnosis: Diagnosis) -> Diagnosis:
         return diagnosis
     handed = handed_over(diagnosis)
     served = _with_model(diagnosis, handed)
-    if _gap_grows(served):
+    if served.shrinkage.grows:
         handed = replace(
             handed,
             kind=BASE,
@@ -136,16 +135,6 @@ def with_served_model(diagnosis: Diagnosis) -> Diagnosis:
         "chance: the base model is kept"
     )
     return replace(served, notes=(*served.notes, note))
-
-
-def _gap_grows(diagnosis: Diagnosis) -> bool:
-    """Return whether the gap over the range of the tests is larger with the model handed over.
-
-    A holdout judges the model and does not choose it.
-    """
-    fraction = diagnosis.shrinkage.fraction
-    is_choice = isinstance(diagnosis.judge, CrossValidation)
-    return is_choice and fraction is not None and fraction < 0.0
 
 
 def without_remainder(diagnosis: Diagnosis) -> Diagnosis:

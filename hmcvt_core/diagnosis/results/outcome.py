@@ -189,6 +189,15 @@ class ShrinkageSummary:
     interval: tuple[float, float] | None
     on: str
 
+    @property
+    def grows(self) -> bool:
+        """Whether the gap is larger with a model that samples left out may refuse.
+
+        A holdout judges the model and does not choose it.
+        """
+        is_choice = self.on == "cross-validation"
+        return is_choice and self.fraction is not None and self.fraction < 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
@@ -498,5 +507,5 @@ def keeping_base(outcome: AnyOutcome) -> AnyOutcome:
         residuals_after=measurement.after,
         delivered=Delivered(before, before),
         parameters=outcome.base_parameters,
-        served=None,
+        served=outcome.base,
     )

@@ -124,17 +124,27 @@ class Explanation:
         """Whether it is a base model that is a little off and nothing else."""
         if self.fit.hypothesis.effects or self.discrepancy is None:
             return False
-        return self.discrepancy.is_base and not self._far_off(self.discrepancy.families)
+        if not self.discrepancy.is_base:
+            return False
+        return not self._far_off(self._base_spread(self.discrepancy.families))
 
-    def _far_off(self, families: Sequence[int] | None) -> list[int]:
+    def _base_spread(self, families: Sequence[int] | None) -> Array:
+        """Return the prior deviations of the coefficients of a base discrepancy.
+
+        Args:
+            families: that it has; None for all.
+        """
+        of_base, spread = base_discrepancy(self.fit.observed)
+        if families is None:
+            return spread
+        return np.asarray(spread[np.isin(of_base.family, families)])
+
+    def _far_off(self, spread: Array) -> list[int]:
         """Return the coefficients of a base discrepancy that is more than a little off.
 
         Args:
-            families: of the base discrepancy, whose coefficients follow theta; None for all.
+            spread: prior deviations of its coefficients, which follow theta.
         """
-        of_base, spread = base_discrepancy(self.fit.observed)
-        if families is not None:
-            spread = spread[np.isin(of_base.family, families)]
         begin = len(self.fit.theta)
         amplitude = self.model.spread[begin : begin + len(spread)] / spread
         return (begin + np.flatnonzero(amplitude > BASE_AMPLITUDE_LIMIT)).tolist()
@@ -195,9 +205,9 @@ class Explanation:
         theta_count = len(self.fit.theta)
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
-        of_base, _ = base_discrepancy(self.fit.observed)
-        bends_begin = theta_count + np.isin(of_base.family, self.families).sum()
-        far_off = self._far_off(self.families)
+        base_spread = self._base_spread(self.families)
+        bends_begin = theta_count + len(base_spread)
+        far_off = self._far_off(base_spread)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
