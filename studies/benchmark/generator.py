@@ -30,7 +30,7 @@ from studies.blind.conditions import draw as draw_twin
 from studies.blind.effect import Effect
 from studies.blind.trial import AXES, at_hand
 
-VERSION = 2
+VERSION = 3
 DEVELOPMENT_SEEDS = 96_100_000
 TABLE_SEEDS = 96_500_000
 POINTS = 200

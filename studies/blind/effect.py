@@ -132,3 +132,12 @@ class Effect:
     ) -> tuple[FloatArray, FloatArray]:
         """What the two torque meters show of the true torques, N m."""
         return engine_torque, output_torque
+
+
+def pumping(at: Conditions) -> FloatArray:
+    """Return 1 where the unit of variable stroke pumps and 0 where it runs as a motor [-].
+
+    Rounded over 5 % of stroke and 0.5 MPa.
+    """
+    flow = np.tanh(at.stroke / 0.05)
+    return np.asarray(np.maximum(flow * np.tanh(at.pressure / 5e5), 0.0))

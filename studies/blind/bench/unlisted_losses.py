@@ -17,6 +17,7 @@ from studies.blind.effect import (
     FloatArray,
     between,
     either_sign,
+    pumping,
 )
 
 
@@ -121,8 +122,8 @@ class StarvedInlet(UnlistedLoss):
     def lost_flow(self, at: Conditions) -> FloatArray:
         over = _softplus(at.pump_speed - self.onset, 6.0) / 100.0
         swept = at.pump_displacement * at.pump_speed * np.abs(at.stroke)
-        direction = np.tanh(at.stroke / 0.05)
-        return np.asarray(self.size * 0.03 * swept * over**self.exponent * direction)
+        lacking = swept * over**self.exponent * pumping(at)
+        return np.asarray(self.size * 0.03 * lacking * np.sign(at.pressure))
 
 
 @dataclass(frozen=True)

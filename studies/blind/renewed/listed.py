@@ -18,6 +18,7 @@ from studies.blind.effect import (
     between,
     drawn,
     either_sign,
+    pumping,
 )
 
 #: Vogel's equation of a tractor oil (UTTO, 10W-30): ln mu = a + b / (T + c), T in deg C.
@@ -398,7 +399,8 @@ class InletStarvation(OwnForm):
         lacking = 1.0 / (
             1.0 + np.exp((self.middle - np.abs(at.pump_speed)) / self.width)
         )
-        return np.asarray(0.1 * self.size * swept * lacking * np.tanh(at.stroke / 0.05))
+        flow = swept * lacking * pumping(at) * np.sign(at.pressure)
+        return np.asarray(0.1 * self.size * flow)
 
 
 # --- stroke, oil, meters ----------------------------------------------------------------------
