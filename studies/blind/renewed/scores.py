@@ -21,6 +21,7 @@ from studies.blind.bench.scores import (
     member_table,
     named,
     not_worse,
+    other_form_of_hidden,
     promise_miss,
     refused,
     share,
@@ -172,6 +173,12 @@ LINES = (
     ),
     Line("wrong sign: refused", "at least 85 %", ("wrong_sign",), refused),
     Line("listed: refused", "at most 5 %", _LISTED, refused),
+    Line(
+        "counted as refused: the hidden set, said to have another form",
+        "",
+        _LISTED,
+        other_form_of_hidden,
+    ),
     Line("promise: interval holds", "90 to 98 %", _LISTED, interval_holds),
     Line(
         "saved model: not worse than the base",
