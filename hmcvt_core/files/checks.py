@@ -28,6 +28,19 @@ def require_seed(value: Any) -> None:
         raise InputError(f"seed = {value!r} is not a whole number from 0 on")
 
 
+def one_holdout(holdout: Any, validation: Any) -> Any:
+    """Return the samples held out, which a former name of the argument may state.
+
+    Raises:
+        InputError: both are given.
+    """
+    if holdout is None:
+        return validation
+    if validation is not None:
+        raise InputError("holdout and validation are one argument: give holdout")
+    return holdout
+
+
 def kind_of_schema(schema: object) -> str | None:
     """Return what kind of file states a schema, None for an unknown one."""
     return _FILE_KINDS.get(str(schema).partition("/")[0])
