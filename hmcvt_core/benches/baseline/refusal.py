@@ -15,13 +15,9 @@ from typing import Any
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
+from ...diagnosis.statements.verdict import at_bound
 from ...diagnosis.wording import plain
 
-BOUND_FRACTION = 1e-3
-"""Fraction of the range of a size within which it counts as at its bound; chosen.
-
-A refit ends at a bound to about 1e-6 of the range.
-"""
 NEGLIGIBLE_SIZE = 1e-3
 """Typical sizes below which the size of an effect counts as zero; chosen.
 
@@ -210,11 +206,9 @@ def _contradicting_size(effects: Sequence[Any]) -> str | None:
     for effect in effects:
         size = effect.sizes()[0]
         value = effect.values()[size.name]
-        near = BOUND_FRACTION * (size.high - size.low)
         if abs(value) < NEGLIGIBLE_SIZE * abs(size.typical):
             return f"the size of {plain(effect.name)} is zero"
-        at_low = size.low != 0.0 and value < size.low + near
-        if value > size.high - near or at_low:
+        if at_bound(value, size.low, size.high):
             return (
                 f"{plain(effect.name)} is at the bound of its size, {value:.3g} {size.unit}, "
                 "beyond which it is not physical"

@@ -56,11 +56,15 @@ def mechanic(outcome: Outcome) -> str:
             f"{statement}, in a form that is not in the library or with another loss."
         )
     remedies = outcome.advice.measure or outcome.named.remedy
-    first_remedy = remedies.split("; or ")[0]
-    for remedy in (first_remedy, first_remedy.split(";")[0]):
-        with_remedy = f"{statement}: {remedy}."
-        if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
-            return with_remedy
+    return _with_remedy(statement, remedies.split("; or ")[0])
+
+
+def _with_remedy(statement: str, remedy: str) -> str:
+    """Return a sentence with a remedy, or the first clause of it, as far as there is room."""
+    for clause in (remedy, remedy.split(";")[0]):
+        sentence = f"{statement}: {clause}."
+        if clause and len(sentence.split()) <= LONGEST_HEADLINE:
+            return sentence
     return f"{statement}."
 
 
@@ -73,14 +77,14 @@ def _no_gap_headline(outcome: Outcome) -> str:
         )
     far_off = meters_far_off(outcome.posterior.base_only)
     if far_off:
-        name = max(far_off, key=lambda name: far_off[name])
+        name = max(far_off, key=far_off.__getitem__)
         return (
             f"The {plain(name)} scatters {far_off[name]:.2g} times as much as its meter should: "
             "check that meter."
         )
     moved = parameters_far_off(outcome.posterior.base_only.fit)
     if moved:
-        name = max(moved, key=lambda name: moved[name])
+        name = max(moved, key=moved.__getitem__)
         return (
             f"Bench and model agree, but only with {plain(name)} {moved[name]:.2g} standard "
             "deviations from what was expected: check it."

@@ -97,20 +97,9 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
     if posterior.misfit > posterior.unlisted / 2.0:
         note = "the base model is slightly off, smoothly: less than a cause would need"
         return "unexplained", (note,)
-    named = None
-    for item in present:
-        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
-            named = item
-            break
+    named = _main_member(analysis, present)
     if posterior.scatter > posterior.unlisted / 2.0:
-        if named is not None:
-            doubts = _doubts(_likeliest_with(analysis, named))
-            if doubts:
-                return "ambiguous", doubts
-            return "class_found" if named.is_class else "cause_found", ()
-        if posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
-            return "ambiguous", ()
-        return "excess_scatter", ()
+        return _beside_scatter(analysis, named)
     if named is None:
         return "unexplained", ("no set of listed effects explains the gap",)
     names = " or ".join(map(plain, named.effects))
@@ -119,6 +108,35 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
         "is another loss"
     )
     return "other_form", (note,)
+
+
+def _main_member(analysis: Analysis, present: Sequence[Member]) -> Member | None:
+    """Return the first member whose likeliest explanation makes most of the change, or None."""
+    for item in present:
+        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
+            return item
+    return None
+
+
+def _beside_scatter(analysis: Analysis, named: Member | None) -> Word:
+    """Return the verdict where most of what is unlisted varies along no recorded axis.
+
+    Args:
+        analysis: of the campaign.
+        named: member that makes most of the change, or None.
+    """
+    if named is not None:
+        doubts = _doubts(_likeliest_with(analysis, named))
+        if doubts:
+            return "ambiguous", doubts
+        return _found(named.is_class), ()
+    if analysis.posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
+        return "ambiguous", ()
+    return "excess_scatter", ()
+
+
+def _found(is_class: bool) -> str:
+    return "class_found" if is_class else "cause_found"
 
 
 def _scatter_of(
@@ -151,11 +169,10 @@ def _explained(analysis: Analysis, present: Sequence[Member]) -> str:
     """Return the verdict where listed effects explain the gap."""
     if set_is_settled(analysis):
         parts = analysis.leading_class_set.alternatives
-        has_class = any(len(names) > 1 for names in parts)
-        return "class_found" if has_class else "cause_found"
+        return _found(any(len(names) > 1 for names in parts))
     if not present:
         return "ambiguous"
-    return "class_found" if present[0].is_class else "cause_found"
+    return _found(present[0].is_class)
 
 
 def set_is_settled(analysis: Analysis) -> bool:
@@ -183,8 +200,8 @@ def _makes_most_of_change(analysis: Analysis, explanation: Explanation) -> bool:
     left = np.sum(explanation.fit.whitened**2)
     noise = float(analysis.base.whitened.size)
     reduced = (before - left) / max(before - noise, 1.0)
-    extra_part = explanation.extra_part(analysis.posterior.base_only)
-    return bool(min(reduced, 1.0 - extra_part) >= OTHER_FORM_FRACTION)
+    extra = explanation.extra_fraction(analysis.posterior.base_only)
+    return bool(min(reduced, 1.0 - extra) >= OTHER_FORM_FRACTION)
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
@@ -196,7 +213,7 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
             continue
         for item in effect.parameters():
             value = effect.values()[item.name]
-            if item.is_size and _at_bound(value, item.low, item.high):
+            if item.is_size and at_bound(value, item.low, item.high):
                 notes.append(
                     f"{plain(effect.name)}: {plain(item.name)} = {value:.3g} {item.unit} is at "
                     "the bound of what is physical, so it may stand for something else"
@@ -240,7 +257,7 @@ def _exceeded_forms(leading: Explanation) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _at_bound(value: float, low: float, high: float) -> bool:
+def at_bound(value: float, low: float, high: float) -> bool:
     """Whether a size is at a bound; at a bound of zero it is absent, which is no doubt."""
     near = AT_BOUND_FRACTION * (high - low)
     return value > high - near or (low != 0.0 and value < low + near)
@@ -251,8 +268,8 @@ def _base_at_bound(fit: Fit) -> list[str]:
     base = fit.hypothesis.system.base
     with np.errstate(invalid="ignore"):
         near = AT_BOUND_FRACTION * np.minimum(base.high - base.low, 1.0)
-    at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
-    return [base.names[i] for i in np.flatnonzero(at_bound)]
+    is_at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
+    return [base.names[i] for i in np.flatnonzero(is_at_bound)]
 
 
 def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
