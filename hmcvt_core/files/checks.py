@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Checks of the types that public functions are given, with errors that say what is wanted."""
+"""Checks of the types that public functions are given, with errors that name what is wanted."""
 
 import os
 import re

@@ -1,9 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects and leading sets that no verdict names, because their refit contradicts them.
 
-An effect whose interval holds zero is not shown to be present: the set without it says as much.
-A size at its physical bound says that the form only stands for something else. A size of zero, or a
-prediction of samples left out that is worse than without the set, says that the set explains
+An effect whose interval holds zero is not shown to be present: the set without it explains as much.
+A size at its physical bound means that the form only stands for something else. A size of zero, or
+a prediction of samples left out that is worse than without the set, means that the set explains
 nothing. The probability of such a set counts as unlisted.
 """
 
@@ -198,7 +198,7 @@ def leading_effects(diagnosis: Diagnosis) -> tuple[Any, ...]:
 
 
 def _contradicting_size(effects: Sequence[Any]) -> str | None:
-    """Say which size is zero or at its physical bound, or return None.
+    """Return a clause on a size that is zero or at its physical bound, or None.
 
     Args:
         effects: of the leading set, as fitted.
@@ -219,8 +219,8 @@ def _contradicting_size(effects: Sequence[Any]) -> str | None:
 def _worsens(diagnosis: Diagnosis, effects: Sequence[Any]) -> bool:
     """Return whether effects make the prediction of samples left out worse.
 
-    The shrinkage is that of the first channel, so it says nothing of effects that leave that
-    channel as it is.
+    The shrinkage is that of the first channel, so that effects which leave that channel as it is do
+    not count.
 
     Args:
         diagnosis: of a unit, or of a change of one.

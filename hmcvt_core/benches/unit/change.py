@@ -22,7 +22,7 @@ from ..baseline import (
     judge_control,
 )
 from ..transmission.channels import OIL_TEMPERATURE
-from .samples import TELLING, UnitSamples
+from .samples import MIN_TORQUE_PRESSURE, UnitSamples
 from .sound import (
     ChangedUnit,
     SoundUnit,
@@ -161,7 +161,9 @@ def diagnose_change(
     notes: list[str] = []
     tables = _with_common_temperature(tables, notes)
     if "torque_loss" in channels:
-        tables = [table.select(table.pressure >= TELLING) for table in tables]
+        tables = [
+            table.select(table.pressure >= MIN_TORQUE_PRESSURE) for table in tables
+        ]
     samples, baseline = tables[:2]
     if holdout is not None:
         holdout = tables[2]

@@ -158,8 +158,8 @@ class Explanation:
 
         Three fractions of the squared change from the base model reduce it: what an extra
         discrepancy makes, what scatters above its statement, and what the set misses while its
-        forms have no error. Up to a limit each stays unexplained without a doubt about the set: it is due to
-        inexact forms, or too small beside the change.
+        forms have no error. Up to a limit each stays unexplained without a doubt about the set: it
+        is due to inexact forms, or too small beside the change.
 
         Args:
             base_only: the base model alone.
