@@ -478,7 +478,7 @@ class EfficiencyModel:
         # NumPy multiplies no masked matrices.
         slopes = np.ma.getdata(slopes)
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        # `published` takes a fixed eta_H at eps = 0, where its parameters change nothing.
         depends = slopes.any(axis=-1)
         variance = np.maximum(variance, 0.0) + self.misfit**2
         variance = variance + self._remainder_variance(point, stage)
@@ -528,7 +528,7 @@ class EfficiencyModel:
             for j, other in enumerate(slopes):
                 variance += slope * correlation[i][j] * other
         error = math.nan
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        # `published` takes a fixed eta_H at eps = 0, where its parameters change nothing.
         if any(slopes):
             # NaN stays NaN, as of arrays.
             variance = 0.0 if variance < 0.0 else variance

@@ -141,7 +141,7 @@ def _at_largest_gap(outcome: Outcome) -> str:
 
 
 def _cost(outcome: Outcome) -> str:
-    """Say what the named members cost; nothing where that is not known."""
+    """Return what the named members cost; nothing where that is not known."""
     named = outcome.named
     if named is not None and named.component == "sensor":
         # A class may hold a meter and a loss that no test distinguishes from it.
@@ -261,7 +261,7 @@ def _times(look: Look) -> str:
 
 
 def _difference(outcome: Outcome) -> str:
-    """Say how far bench and model differ, and where most."""
+    """Return how far bench and model differ, and where most."""
     size = amount(outcome, outcome.shrinkage.before)
     beyond = f"Bench and model differ by {size} beyond the noise"
     region = outcome.significant_region
@@ -312,7 +312,7 @@ def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
 
 
 def _explanation(outcome: Outcome) -> str:
-    """Say which sets explain the gap, or which members do while their company is open."""
+    """Return the sets that explain the gap, or the members while their company is open."""
     class_sets = outcome.class_sets
     leading = class_sets[0]
     if outcome.verdict == "other_form":
@@ -352,13 +352,13 @@ def _with_probability(member: Member) -> str:
 
 
 def _classes(outcome: Outcome) -> list[str]:
-    """Say which effects of the leading set no test distinguishes from others."""
+    """Return sentences on effects of the leading set that no test distinguishes from others."""
     leading = outcome.class_sets[0].alternatives
     return [item.sentence for item in outcome.classes if item.members in leading]
 
 
 def _removed(outcome: Outcome) -> str:
-    """Say how far the gap shrinks with the model that is handed over."""
+    """Return how far the gap shrinks with the model that is handed over."""
     shrinkage = outcome.shrinkage
     if shrinkage.fraction is None:
         return "These samples do not show how far the gap would shrink."

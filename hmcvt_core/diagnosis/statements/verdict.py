@@ -8,7 +8,7 @@
 | `cause_found` | one set is settled, or a member is present whatever its company |
 | `class_found` | the same of a class of effects that no test distinguishes |
 | `other_form` | a member is present and makes most of the change, but no listed form fits |
-| `ambiguous` | listed effects explain the gap, and these readings do not tell which |
+| `ambiguous` | listed effects explain the gap, and these readings do not determine which |
 | `unexplained` | they do not, or the base model is slightly off and nothing else |
 """
 
@@ -205,7 +205,7 @@ def _makes_most_of_change(analysis: Analysis, explanation: Explanation) -> bool:
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
-    """Say which fitted values of a set stand at the bounds of what is physical."""
+    """Return notes on fitted values of a set at the bounds of what is physical."""
     fit = leading.served_fit
     notes = []
     for effect in fit.effects:
@@ -227,7 +227,7 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
 
 
 def _exceeded_forms(leading: Explanation) -> tuple[str, ...]:
-    """Say which shapes stand at the bound of their sources although the readings ask for more.
+    """Return notes on shapes at the bound of their sources where the readings ask for more.
 
     A shape may stand at its bound; but a relief valve that opens is a leakage whose exponent would
     be far beyond that of any gap. The estimate is linear near the bound.
@@ -273,7 +273,7 @@ def _base_at_bound(fit: Fit) -> list[str]:
 
 
 def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
-    """Say that the saved model holds an effect that is no cause."""
+    """Return a note where the saved model holds an effect that is no cause."""
     leading, _ = analysis.leading
     if not leading.form_error:
         return ()
@@ -286,7 +286,7 @@ def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
-    """Say that an unlisted loss is present in addition to the leading set."""
+    """Return a note where an unlisted loss is present in addition to the leading set."""
     first, _ = analysis.posterior.entries[0]
     if first.discrepancy is None:
         return ()
@@ -296,7 +296,7 @@ def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _why_no_gap(analysis: Analysis) -> tuple[str, ...]:
-    """Say why rare readings are no gap."""
+    """Return a note on why rare readings are no gap."""
     if not analysis.is_rare:
         return ()
     probability = 100.0 * analysis.posterior.no_gap

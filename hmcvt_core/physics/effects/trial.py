@@ -86,19 +86,13 @@ def _arguments(state: ShaftState) -> dict[str, Any]:
 
 def _require_hooks(kind: type[Effect]) -> None:
     """Refuse an effect that overrides no hook, and a method whose name is nearly that of one."""
-    hooks = []
-    for name, plain in vars(Effect).items():
-        if isinstance(plain, FunctionType) and not name.startswith("_"):
-            hooks.append(name)
+    hooks = _public_methods(Effect)
     for owner in kind.__mro__:
         if owner in (Effect, object):
             continue
-        for name, method in vars(owner).items():
-            is_public = isinstance(method, FunctionType) and not name.startswith("_")
-            if not is_public or name in hooks:
-                continue
+        for name in _public_methods(owner):
             meant = get_close_matches(name, hooks, n=1, cutoff=NEARLY)
-            if meant:
+            if name not in hooks and meant:
                 raise InputError(
                     f"effect {kind.name}: method {name} is no hook; {meant[0]} is: rename it, or "
                     f"begin its name with _"
@@ -107,6 +101,15 @@ def _require_hooks(kind: type[Effect]) -> None:
         raise InputError(
             f"effect {kind.name}: overrides no hook; there is {', '.join(sorted(hooks))}"
         )
+
+
+def _public_methods(kind: type) -> list[str]:
+    """Return the names of the methods that a class itself defines."""
+    methods = []
+    for name, item in vars(kind).items():
+        if isinstance(item, FunctionType) and not name.startswith("_"):
+            methods.append(name)
+    return methods
 
 
 def _state() -> ShaftState:
