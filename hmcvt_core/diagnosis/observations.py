@@ -229,13 +229,25 @@ def noise_statement(
         The standard deviations, shape (n,); their prior degrees of freedom; and the source of the
         statement, None where `channel.uncertainty` is assumed.
     """
-    deviation, prior_dof, source = _stated_noise(
-        channel, measured, given, column, axes, points
-    )
-    if source is not None and len(measured) < SMALL_CAMPAIGN:
+    n = len(measured)
+    if given is not None:
+        return np.full(n, given), _stated_prior_dof(n), "given"
+    if column is not None:
+        return column, _stated_prior_dof(n), f"column {channel.name}_std"
+    repeats = pure_error(replicate_groups(axes, points), measured)
+    if repeats is not None:
+        deviation, degrees_of_freedom = repeats
+        prior_dof = _stated_prior_dof(n, degrees_of_freedom)
+        return np.full(n, deviation), prior_dof, REPEATED_POINTS
+    return channel.deviation(measured), assumed_prior_dof(n), None
+
+
+def _stated_prior_dof(samples: int, prior_dof: float = PRIOR_DOF_STATED) -> float:
+    """Return the prior degrees of freedom of a stated noise in a campaign of so many samples."""
+    if samples < SMALL_CAMPAIGN:
         # So few samples cannot correct a statement, so it gets more weight.
-        prior_dof = max(prior_dof, PRIOR_DOF_STATED_SMALL)
-    return deviation, prior_dof, source
+        return max(prior_dof, PRIOR_DOF_STATED_SMALL)
+    return prior_dof
 
 
 def assumed_prior_dof(samples: int) -> float:
@@ -243,27 +255,6 @@ def assumed_prior_dof(samples: int) -> float:
     if samples < SMALL_CAMPAIGN:
         return PRIOR_DOF_ASSUMED_SMALL
     return PRIOR_DOF_ASSUMED
-
-
-def _stated_noise(
-    channel: Channel,
-    measured: Array,
-    given: float | None,
-    column: Array | None,
-    axes: Sequence[Axis],
-    points: Points,
-) -> tuple[Array, float, str | None]:
-    """Return `noise_statement` without regard to the number of samples."""
-    n = len(measured)
-    if given is not None:
-        return np.full(n, given), PRIOR_DOF_STATED, "given"
-    if column is not None:
-        return column, PRIOR_DOF_STATED, f"column {channel.name}_std"
-    repeats = pure_error(replicate_groups(axes, points), measured)
-    if repeats is not None:
-        deviation, degrees_of_freedom = repeats
-        return np.full(n, deviation), degrees_of_freedom, REPEATED_POINTS
-    return channel.deviation(measured), assumed_prior_dof(n), None
 
 
 def pure_error(group: NDArray[np.intp], measured: Array) -> tuple[float, float] | None:

@@ -7,7 +7,6 @@ to how far samples usually lie, and only if such samples are few: many together 
 Noise is widened near changes of operating mode, and where the scatter is uneven.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -91,8 +90,8 @@ def prepare(system: System, observed: Observations) -> Prepared:
         )
         kept = spread_out(base.observed, MAX_SAMPLES)
         base = refit(base.hypothesis, base.observed.select(kept), base.theta)
-    base, notes = _with_uneven_noise(base, notes)
-    return Prepared(base, notes, described)
+    base, further_notes = _with_uneven_noise(base)
+    return Prepared(base, notes + further_notes, described)
 
 
 def _check_scale(fit: Fit) -> None:
@@ -208,23 +207,23 @@ def _with_transition_noise(fit: Fit) -> Fit:
     return refit(hypothesis, wider, fit.theta)
 
 
-def _with_uneven_noise(base: Fit, notes: Sequence[str]) -> tuple[Fit, list[str]]:
-    """Refit with noise that changes over the operating points, and add a note on it."""
+def _with_uneven_noise(base: Fit) -> tuple[Fit, list[str]]:
+    """Refit with noise that changes over the operating points, with notes on it."""
     observed = base.observed
     factors = uneven_noise(base)
     uneven_channels = np.flatnonzero(np.ptp(factors, axis=1))
     if not len(uneven_channels):
-        return base, [*notes]
-    further_notes = []
+        return base, []
+    notes = []
     for i in uneven_channels:
         ratio = factors[i].max() / factors[i].min()
-        further_notes.append(
+        notes.append(
             f"the scatter of {observed.channels[i].name} seems to change {ratio:.1f}-fold over "
             "the operating points, or a gap is narrow; samples count by it, and a column of "
             "standard deviations would state it"
         )
     reweighted = replace(observed, deviation=observed.deviation * factors)
-    return refit(base.hypothesis, reweighted, base.theta), [*notes, *further_notes]
+    return refit(base.hypothesis, reweighted, base.theta), notes
 
 
 def uneven_noise(fit: Fit) -> Array:

@@ -482,7 +482,7 @@ set misses.
 AMPLITUDE_TOLERANCE = 0.03
 """Change of the log evidence [nats] in a round at which the amplitudes have converged.
 
-Source: chosen, well below what tells two explanations apart.
+Source: chosen, well below what distinguishes two explanations.
 """
 
 AMPLITUDE_START = 3.0
@@ -713,7 +713,7 @@ Source: three deviations.
 """
 
 MAX_PLAN_RUNS = 20
-"""Repetitions of a plan up to which a report says how many would show an effect.
+"""Repetitions of a plan up to which a report states how many would show an effect.
 
 Source: chosen; more are rarely run.
 """
@@ -745,7 +745,7 @@ Source: 95 % interval of a normal variable.
 """
 
 MIN_SHRINKAGE = -10.0
-"""Smallest fraction removed that is reported; further growth of a gap says nothing more.
+"""Smallest fraction removed that is reported; how much further a gap grows is of no use.
 
 Source: chosen; it keeps the ends of intervals finite.
 """

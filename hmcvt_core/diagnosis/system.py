@@ -96,7 +96,7 @@ class Channel:
         factor: from the value to the printed number.
         digits: decimals of the printed number.
         uncertainty: standard deviation assumed where none is stated, as a part of the reading.
-            Zero says that it is propagated from meters and stays as stated by `least`.
+            Zero means that it is propagated from meters and stays as stated by `least`.
         relative: whether a discrepancy in it counts as a part of the reading. The first channel
             then changes by the same part.
         field_spreads: prior standard deviations of a discrepancy that is smooth over the axes,

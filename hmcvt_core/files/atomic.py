@@ -7,7 +7,7 @@ import re
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import IO, Any
 
 _SUFFIX = ".tmp"
 _LEFTOVER = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(_SUFFIX))
@@ -27,7 +27,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         if path.exists() and not path.is_file() and not path.is_dir():
             path.write_bytes(data)
             return
-        _replace(target, data)
+        with _replacing(target, "xb") as file:
+            file.write(data)
     except OSError as error:
         # The user knows the file asked for, not the temporary one next to it.
         raise OSError(error.errno, error.strerror, str(path)) from error
@@ -84,22 +85,30 @@ def remove_leftovers(folder: Path) -> None:
                 path.unlink()
 
 
-def _replace(path: Path, data: bytes) -> None:
+@contextlib.contextmanager
+def _replacing(target: Path, mode: str, **options: Any) -> Iterator[IO[Any]]:
+    """Open a temporary file that takes the place of a target once it is complete.
+
+    Args:
+        target: of the file.
+        mode: of a new file.
+        options: of `Path.open`.
+    """
     # Not by tempfile, which makes it private: a parameter file is read by others.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{_SUFFIX}")
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{_SUFFIX}")
     try:
-        with temporary.open("xb") as file:
-            file.write(data)
+        with temporary.open(mode, **options) as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(path)
+        temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
 
 
 @contextlib.contextmanager
-def growing_file(path: Path) -> Iterator[TextIO]:
+def growing_file(path: Path) -> Iterator[IO[str]]:
     """Open a text file that takes the place of `path` once it is complete.
 
     Args:
@@ -113,14 +122,6 @@ def growing_file(path: Path) -> Iterator[TextIO]:
             yield file
         return
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{_SUFFIX}")
-    try:
-        with temporary.open("x", encoding="utf-8", newline="") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    with _replacing(target, "x", encoding="utf-8", newline="") as file:
+        yield file
     sync_folder(target.parent)

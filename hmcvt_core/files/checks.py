@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Checks of the types that public functions are given, with errors that say what is wanted."""
+"""Checks of the types that public functions are given, with errors that name what is wanted."""
 
 import os
 import re
@@ -26,6 +26,19 @@ def require_seed(value: Any) -> None:
     is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_whole or value < 0:
         raise InputError(f"seed = {value!r} is not a whole number from 0 on")
+
+
+def one_holdout(holdout: Any, validation: Any) -> Any:
+    """Return the samples held out, which a former name of the argument may state.
+
+    Raises:
+        InputError: both are given.
+    """
+    if holdout is None:
+        return validation
+    if validation is not None:
+        raise InputError("holdout and validation are one argument: give holdout")
+    return holdout
 
 
 def kind_of_schema(schema: object) -> str | None:

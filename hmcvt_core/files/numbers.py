@@ -47,7 +47,7 @@ def is_number(cell: str) -> bool:
 
 
 def no_number(name: str, cell: str) -> str:
-    """Say what is wrong with a cell of a column that holds no number."""
+    """Return what is wrong with a cell of a column that holds no number."""
     if not cell:
         return f"{name} is empty"
     if cell.startswith("="):

@@ -37,27 +37,47 @@ def read_tree(
     path: str | os.PathLike[str], schema: str
 ) -> tuple[dict[str, Any], yaml.Node]:
     """Read a mapping of a schema, and the tree of the text that it was made of."""
+    path = Path(path)
+    wanted = kind_of_schema(schema)
+    tree, data = _parsed(path, wanted)
+    if tree is None or not isinstance(data, dict):
+        if path.suffix.lower() in _TABLES:
+            raise InputError(f"is a table ({path.suffix}); wanted is {wanted}")
+        raise InputError(
+            f"holds no mapping; is it empty or cut off? wanted is {wanted}"
+        )
+    if data.get("schema") != schema:
+        raise InputError(_other_schema(data.get("schema"), schema))
+    _require_decimal_points(tree)
+    return data, tree
+
+
+def _parsed(path: Path, wanted: str | None) -> tuple[yaml.Node | None, Any]:
+    """Return the tree of the text of a file, and the data that it makes.
+
+    Args:
+        path: of the file.
+        wanted: kind of file, in words.
+    """
     import yaml
 
-    path = Path(path)
+    # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(
                 f"larger than {_MAX_BYTES >> 20} MiB, not a parameter file"
             )
-        # libyaml, where PyYAML has it: a node that takes up a new model answers no one meanwhile.
-        kind = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         text = path.read_text(encoding="utf-8")
-        _require_plain(yaml.parse(text, kind))
-        tree, data = yaml.compose(text, kind), yaml.load(text, kind)
+        _require_plain(yaml.parse(text, loader))
+        return yaml.compose(text, loader), yaml.load(text, loader)
     except InputError:
         raise
     except OSError as error:
         raise InputError(error.strerror or str(error)) from None
     except UnicodeDecodeError as error:
-        kind = kind_of_schema(schema)
         raise InputError(
-            f"not UTF-8 text at byte {error.start}; wanted is {kind}"
+            f"not UTF-8 text at byte {error.start}; wanted is {wanted}"
         ) from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # PyYAML lets a ValueError through for an impossible date or an endless number.
@@ -65,22 +85,13 @@ def read_tree(
         raise InputError(
             f"not YAML{place}: {getattr(error, 'problem', error)}"
         ) from None
-    if tree is None or not isinstance(data, dict):
-        kind = kind_of_schema(schema)
-        if path.suffix.lower() in _TABLES:
-            raise InputError(f"is a table ({path.suffix}); wanted is {kind}")
-        raise InputError(f"holds no mapping; is it empty or cut off? wanted is {kind}")
-    if data.get("schema") != schema:
-        raise InputError(_other_schema(data.get("schema"), schema))
-    _require_decimal_points(tree)
-    return data, tree
 
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 def _other_schema(stated: object, wanted: str) -> str:
-    """Say which kind of file was given, and which one is wanted."""
+    """Return a complaint: the kind of file that was given, and the one that is wanted."""
     complaint = f"schema = {stated!r}; this version reads {wanted!r}"
     kind = kind_of_schema(stated)
     wanted_kind = kind_of_schema(wanted)
@@ -151,8 +162,8 @@ def _not_plain(event: yaml.Event) -> str:
 
 
 def _line_of(item: object, mark: str = "start_mark") -> str:
-    found = getattr(item, mark, None)
-    return f" at line {found.line + 1}" if found else ""
+    position = getattr(item, mark, None)
+    return f" at line {position.line + 1}" if position else ""
 
 
 def require_known(

@@ -97,7 +97,7 @@ def read_plain(
             missing, a column doubled, or a row of another length than the header.
     """
     text, sha256 = read_text(path)
-    # The header says what parts the columns; a note below may hold anything.
+    # The header shows the separator of the columns; a note below may hold anything.
     line = _first_line(text)
     mark = max(",;\t", key=line.count)  # what stands there most, first a comma
     rows = split_rows(text, mark, str(path))
@@ -114,27 +114,32 @@ def read_plain(
             "the numbers"
         )
     header = [name_of(cell) for cell in rows[top - 1]]
-    nameless = [str(number) for number, name in enumerate(header, 1) if not name]
-    if len(nameless) > 1:
-        raise InputError(
-            f"{path}: row {top}: columns {', '.join(nameless)} have no name: name them, or "
-            "delete them"
-        )
-    for name in header:
-        if header.count(name) > 1:
-            raise InputError(f"{path}: row {top}: column {name!r} stands there twice")
-    missing = [name for name in required if name not in header]
-    if missing:
-        raise InputError(
-            f"{path}: row {top}: column {', '.join(missing)} is missing; "
-            f"there is {', '.join(header)} (`hmcvt import` takes other names)"
-        )
+    _require_names(header, required, f"{path}: row {top}")
     table = _table(rows, top, header, str(Path(path)), sha256)
     for number, complaint in table.broken.items():
         raise InputError(f"{path}: row {number}: {complaint}")
     if mark == ",":
         return replace(table, commas=())
     return table
+
+
+def _require_names(header: Sequence[str], required: Sequence[str], place: str) -> None:
+    """Refuse a header with nameless, doubled or missing columns; see `read_plain`."""
+    nameless = [str(number) for number, name in enumerate(header, 1) if not name]
+    if len(nameless) > 1:
+        raise InputError(
+            f"{place}: columns {', '.join(nameless)} have no name: name them, or "
+            "delete them"
+        )
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"{place}: column {name!r} stands there twice")
+    missing = [name for name in required if name not in header]
+    if missing:
+        raise InputError(
+            f"{place}: column {', '.join(missing)} is missing; "
+            f"there is {', '.join(header)} (`hmcvt import` takes other names)"
+        )
 
 
 def _first_line(text: str) -> str:

@@ -78,8 +78,9 @@ def cross_validate(
     """
     measured = samples.efficiency
     unseen = np.empty(len(samples))
-    for part, other in enumerate(others):
-        unseen[fold == part] = carried_at(other, samples.select(fold == part).points)
+    for number, other in enumerate(others):
+        left_out = fold == number
+        unseen[left_out] = carried_at(other, samples.select(left_out).points)
     served = carried_at(in_service, samples.points)
     refitted = carried_at(refit, samples.points)
     errors = relative_errors(served, measured)

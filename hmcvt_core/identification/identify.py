@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import IdentificationError, InputError
 from ..files import data_path
 from ..files.bench import BenchSamples
-from ..files.checks import require_seed
+from ..files.checks import one_holdout, require_seed
 from ..model.accuracy import mean_error
 from ..model.checks import require_samples
 from ..model.domain import Domain
@@ -75,8 +75,8 @@ def identify(
     paper's 1.12 %); `published` maximises RSQ, eq. (21), in the paper's two parts. The annealing
     finds the parameters, a local search gives them their last digits.
 
-    `power_balance` sets samples aside that disagree with the rest, as a refit does; the warnings
-    name them and say what the fit to all samples would be.
+    `power_balance` rejects samples that disagree with the rest, as a refit does; the warnings name
+    them and state the fit to all samples.
 
     Args:
         samples: at least one bench sample.
@@ -97,10 +97,7 @@ def identify(
         InputError: an argument is out of range or of another type.
         IdentificationError: no parameters give an answer at every sample.
     """
-    if validation is not None:
-        if holdout is not None:
-            raise InputError("holdout and validation are one argument: give holdout")
-        holdout = validation
+    holdout = one_holdout(holdout, validation)
     require_samples(samples)
     if seed is not None:
         require_seed(seed)
@@ -129,12 +126,7 @@ def identify(
             model = _with_misfit(model, campaign, scaled, fixed_seed)
     predicted = problem.predict(scaled)
     fit_error = mean_error(predicted, problem.samples.efficiency)
-    remarks = [*campaign.contradictions, *campaign.rejections]
-    rejected = campaign.rejected
-    if len(rejected):
-        remarks.append(_fit_with_all(campaign.everything, scaled))
-    remarks += undetermined(problem.samples, model)
-    remarks += misfit_remarks(model)
+    remarks = _remarks(campaign, scaled, model)
     provenance: dict[str, Any] = {
         **origin("identify", samples, seed),
         **model.provenance,
@@ -142,8 +134,8 @@ def identify(
         "objective_value": float(f"{value:.9g}"),
         "fit_error": float(f"{fit_error:.6g}"),
     }
-    if len(rejected):
-        provenance["set_aside"] = len(rejected)
+    if len(campaign.rejected):
+        provenance["set_aside"] = len(campaign.rejected)
     if holdout is not None:
         errors, notes = _predicted_holdout(model, scaled, holdout)
         provenance.update(errors)
@@ -164,7 +156,7 @@ def identify(
         warnings=tuple(remarks),
         roots=search.roots,
         alone=_errors_by_stage(problem, scaled),
-        set_aside=tuple((rejected + 1).tolist()),
+        set_aside=tuple((campaign.rejected + 1).tolist()),
         contradictions=campaign.contradictions,
     )
 
@@ -173,6 +165,21 @@ def _with_noise(samples: BenchSamples, noise: float) -> BenchSamples:
     """Return samples whose efficiency has one standard deviation [-]."""
     deviation = float(EFFICIENCY_STD.check(noise, "noise"))
     return replace(samples, efficiency_std=np.full(len(samples), deviation))
+
+
+def _remarks(campaign: Campaign, scaled: Array, model: EfficiencyModel) -> list[str]:
+    """Return sentences on contradicting, rejected and missing samples.
+
+    Args:
+        campaign: all samples.
+        scaled: the best point, shape (3,).
+        model: fitted to the samples that belong.
+    """
+    remarks = [*campaign.contradictions, *campaign.rejections]
+    if len(campaign.rejected):
+        remarks.append(_fit_with_all(campaign.everything, scaled))
+    remarks += undetermined(campaign.fitted.samples, model)
+    return remarks + misfit_remarks(model)
 
 
 def _fit_with_all(problem: Problem, scaled: Array) -> str:
@@ -269,7 +276,7 @@ def _with_intervals(
 ) -> EfficiencyModel:
     """Return a fitted model with intervals of its parameters by profile likelihood.
 
-    Of samples so many that an annealing looks at a part of them, standard errors say the same.
+    With more samples than an annealing looks at, standard errors give the same intervals.
     """
     if thinned(problem.samples) is not problem.samples:
         return model

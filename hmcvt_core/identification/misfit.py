@@ -1,9 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a fitted model misses at samples left out of the fit, beyond noise and parameter errors.
+"""Form error of a fitted model: its error at samples left out, beyond noise and parameter errors.
 
-The errors of the three parameters say how far the fit may be off if the form of the model is right.
-What its form misses shows at samples left out only: their mean squared error is that of noise,
-parameters and misfit together.
+The errors of the three parameters hold if the form of the model is right. A form error shows at
+samples left out only: their mean squared error is that of noise, parameters and form together.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ REPEATED = "repeated points"
 NOT_KNOWN = "not known"
 
 FEWEST = 8
-"""Fewest samples of which a misfit is estimated: refits keep twice as many as parameters."""
+"""Fewest samples from which a form error is estimated: refits keep twice as many as parameters."""
 
 _NEIGHBOURS = 3
 """Next samples of which one confirms a sample that is rejected; chosen for 24 tests."""
@@ -94,10 +93,10 @@ def _coordinates(samples: BenchSamples) -> Array:
 def missed_alike(
     model: EfficiencyModel, samples: BenchSamples, belongs: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which rejected samples show what the model misses, shape (n,).
+    """Return which rejected samples show a form error, shape (n,).
 
-    A mistake of the bench is alone among samples that agree. What the form of the model misses, a
-    neighbour shows with the same sign.
+    A mistake of the bench is alone among samples that agree. A form error has the same sign at a
+    neighbour.
 
     Args:
         model: fitted to the samples that belong.
@@ -125,12 +124,12 @@ def with_misfit(
     fold: NDArray[np.intp],
     others: Sequence[EfficiencyModel],
 ) -> EfficiencyModel:
-    """Return a fitted model with its misfit; with few samples its misfit stays as it is.
+    """Return a fitted model with its form error, which stays as it is with few samples.
 
-    Where the noise is not known, the misfit holds it: it is then the error of a further reading. It
-    is at least the scatter of the fit, whose degrees of freedom are those of the model: a further
-    reading is then within the intervals of Student's t, exactly so where the form of the model is
-    right (Seber & Wild 1989, Nonlinear Regression, 5.1).
+    Where the noise is not known, the form error holds it: it is then the error of a further
+    reading. It is at least the scatter of the fit, whose degrees of freedom are those of the model:
+    a further reading is then within the intervals of Student's t, exactly so where the form of the
+    model is right (Seber & Wild 1989, Nonlinear Regression, 5.1).
 
     Args:
         model: fitted to the samples that belong.
@@ -147,12 +146,13 @@ def with_misfit(
         return model
     errors = np.empty(len(samples))
     parameter_errors = np.empty(len(samples))
-    for part in np.unique(fold).tolist():
-        fitted = model if part < 0 else others[part]
-        left_out = samples.select(fold == part)
+    for number in np.unique(fold).tolist():
+        fitted = model if number < 0 else others[number]
+        rows = fold == number
+        left_out = samples.select(rows)
         prediction = replace(fitted, misfit=0.0).predict(*left_out.points)
-        errors[fold == part] = prediction.efficiency - left_out.efficiency
-        parameter_errors[fold == part] = prediction.standard_error
+        errors[rows] = prediction.efficiency - left_out.efficiency
+        parameter_errors[rows] = prediction.standard_error
     noise = Noise.of(samples, fold >= 0)
     missed = misfit(errors, noise.deviation, parameter_errors)
     if noise.source == NOT_KNOWN:
@@ -177,7 +177,7 @@ def _scatter(model: EfficiencyModel, samples: BenchSamples) -> float:
 
 
 def misfit_remarks(model: EfficiencyModel) -> list[str]:
-    """Say where the misfit of a fitted model holds the noise of its samples."""
+    """Return a sentence where the form error of a fitted model holds the noise of its samples."""
     if model.misfit == 0.0 or model.provenance.get("misfit_noise") != NOT_KNOWN:
         return []
     return [

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..model.intervals import half_width
 from ..transmission.parameters import (
@@ -32,6 +33,13 @@ _UNIT = from_scaled(SEARCH_BOUNDS[:, 1])
 with it, and where it is small its logarithm changes nothing."""
 _BOUNDS = from_scaled(SEARCH_BOUNDS.T).T / _UNIT[:, None]
 """Shape (3, 2)."""
+_ROWS = np.arange(6)
+_HELD = _ROWS // 2
+"""Parameter that each search holds, shape (6,): lower and upper end of each in turn."""
+_OUTWARD = np.where(_ROWS % 2, 1.0, -1.0)
+"""Direction of each end from the best value, shape (6,)."""
+_END_BOUND = _BOUNDS[_HELD, _ROWS % 2]
+"""Bound beyond which no end lies, shape (6,)."""
 _DIFFERENCE = 1e-6
 """Step of differences, of the width of the bounds."""
 _EXACT = 0.01
@@ -65,6 +73,72 @@ def profile_intervals(
     return intervals
 
 
+class _Brackets:
+    """Points inside each interval, and values outside, between which its end lies.
+
+    A root is that of the rise of the squares, relative to the rise at an end.
+
+    Attributes:
+        best: variables of least squares, shape (3,).
+        inside: outermost points known to be inside, shape (6, 3).
+        inside_root: root at them, shape (6,).
+        outside: innermost values known to be outside, shape (6,); NaN where none is known.
+        outside_root: root at them, shape (6,).
+        settled: which ends are found, shape (6,).
+    """
+
+    def __init__(self, best: Array) -> None:
+        self.best = best
+        self.inside = np.tile(best, (6, 1))
+        self.inside_root = np.zeros(6)
+        self.outside = np.full(6, np.nan)
+        self.outside_root = np.full(6, np.nan)
+        self.settled = self._reached == _END_BOUND
+
+    @property
+    def _reached(self) -> Array:
+        """Outermost value inside of each parameter that is held, shape (6,)."""
+        return self.inside[_ROWS, _HELD]
+
+    def narrow(self, rows: NDArray[np.intp], points: Array, root: Array) -> None:
+        """Take the least squares at guesses as inside or outside.
+
+        Args:
+            rows: k of the ends.
+            points: of least squares at their guesses, shape (k, 3).
+            root: at these, shape (k,).
+        """
+        is_inside = root <= 1.0 + _EXACT
+        kept = rows[is_inside]
+        self.inside[kept] = points[is_inside]
+        self.inside_root[kept] = root[is_inside]
+        at_bound = self._reached[kept] == _END_BOUND[kept]
+        self.settled[kept] = at_bound | (root[is_inside] >= 1.0 - _EXACT)
+        beyond = rows[~is_inside]
+        self.outside[beyond] = points[~is_inside, _HELD[beyond]]
+        self.outside_root[beyond] = root[~is_inside]
+
+    def next_guess(self, guess: Array, halved: bool) -> Array:
+        """Return values of the held parameters to try next, shape (6,).
+
+        Args:
+            guess: tried last, shape (6,).
+            halved: whether to take the middle: false position may creep.
+        """
+        reached = self._reached
+        # Outward as far again where nothing is known to be outside.
+        distance = np.maximum(
+            np.abs(reached - self.best[_HELD]), np.abs(guess - reached)
+        )
+        with np.errstate(invalid="ignore"):
+            fraction = (1.0 - self.inside_root) / (self.outside_root - self.inside_root)
+        if halved:
+            fraction = np.full(6, 0.5)
+        between = reached + fraction * (self.outside - reached)
+        further = reached + distance * _OUTWARD
+        return np.where(np.isnan(self.outside), further, between)
+
+
 @dataclass(frozen=True, eq=False)
 class _Profile:
     """Lower and upper end of each parameter, six searches side by side.
@@ -85,53 +159,23 @@ class _Profile:
         Args:
             distance: of the first guess from the best value of each parameter, shape (3,).
         """
-        rows = np.arange(6)
-        held = rows // 2
-        outward = np.where(rows % 2, 1.0, -1.0)
-        bound = _BOUNDS[held, rows % 2]
         lowest = float(self._squares(self.best[None])[0])
-        inside = np.tile(self.best, (6, 1))
-        inside_root = np.zeros(6)
-        outside = np.full(6, np.nan)
-        outside_root = np.full(6, np.nan)
-        guess = self.best[held] + outward * np.maximum(distance[held], _DIFFERENCE)
-        settled = inside[rows, held] == bound
+        brackets = _Brackets(self.best)
+        guess = self.best[_HELD] + _OUTWARD * np.maximum(distance[_HELD], _DIFFERENCE)
         for number in range(_REFINEMENTS):
-            (open_rows,) = np.nonzero(~settled)
+            (open_rows,) = np.nonzero(~brackets.settled)
             if not len(open_rows):
                 break
-            low, high = _BOUNDS[held].T
-            tried = inside.copy()
-            tried[rows, held] = np.clip(guess, low, high)
+            is_held = np.arange(3) == _HELD[open_rows, None]
+            tried = brackets.inside[open_rows]
+            tried[is_held] = np.clip(guess, *_BOUNDS[_HELD].T)[open_rows]
             points, squares = self._least_squares.fitted(
-                tried[open_rows],
-                np.arange(3) == held[open_rows, None],
-                _SMALL_GAIN * self.rise,
+                tried, is_held, _SMALL_GAIN * self.rise
             )
             root = np.sqrt(np.maximum(squares - lowest, 0.0) / self.rise)
-            for row, point, value in zip(open_rows.tolist(), points, root, strict=True):
-                axis = held[row]
-                if value <= 1.0 + _EXACT:
-                    inside[row] = point
-                    inside_root[row] = value
-                    at_bound = point[axis] == bound[row]
-                    settled[row] = at_bound or value >= 1.0 - _EXACT
-                else:
-                    outside[row] = point[axis]
-                    outside_root[row] = value
-            at = inside[rows, held]
-            # Outward as far again where nothing is known to be outside.
-            further = (
-                at
-                + np.maximum(np.abs(at - self.best[held]), np.abs(guess - at)) * outward
-            )
-            with np.errstate(invalid="ignore"):
-                part = (1.0 - inside_root) / (outside_root - inside_root)
-            # Every third time the middle: false position may creep.
-            part = np.where(number % 3 == 2, 0.5, part)
-            between = at + part * (outside - at)
-            guess = np.where(np.isnan(outside), further, between)
-        return inside
+            brackets.narrow(open_rows, points, root)
+            guess = brackets.next_guess(guess, halved=number % 3 == 2)
+        return brackets.inside
 
     @cached_property
     def _least_squares(self) -> LeastSquares:

@@ -62,19 +62,16 @@ _CERTAIN_TREND = 4.0  # standard errors; a false alarm in 1 of 16,000 campaigns
 _FEWEST_FOR_A_TREND = 8  # samples
 _FEWEST_FOR_NOISE = 20  # samples, for a standard deviation good to a sixth
 _FALSE_ALARM = 0.01  # chance that honest samples scatter so much more
-_SHARES = np.linspace(
-    0.02, 0.6, 30
-)  # of the samples that may be of the model in service
+_FRACTIONS = np.linspace(0.02, 0.6, 30)
+"""Of the samples that may be of the model in service."""
 _FAR_FROM_BOTH = 1e-3  # likelihood of a sample of neither state
-_CERTAIN_MIXTURE = (
-    6.6  # twice the log likelihood ratio; false alarm in 1 of 200 campaigns
-)
+_CERTAIN_MIXTURE = 6.6
+"""Twice the log likelihood ratio; a false alarm in 1 of 200 campaigns."""
 _BENCHES_DIFFER = 1.15  # noise of two campaigns; chosen on development campaigns
-_MEAN_TO_DEVIATION = (
-    1.2533  # mean of absolute values to standard deviation, normal distribution
-)
+_MEAN_TO_DEVIATION = 1.2533
+"""Mean of absolute values to standard deviation, normal distribution."""
 _FEW_CONTRADICTIONS = 2  # one such reading is a mistake more often than not
-_NEAR_LIMIT = 0.5  # part of the limit of the drift from which it is reported
+_NEAR_LIMIT = 0.5  # fraction of the limit of the drift from which it is reported
 _GRID = (11, 5, 5)
 """Points over displacement ratio, engine speed and load torque at which models are compared."""
 
@@ -238,7 +235,13 @@ class _Candidate:
         return self.max_drift if self.base.standard_errors else np.inf
 
     @property
-    def aside(self) -> NDArray[np.intp]:
+    def largest_departure(self) -> float:
+        """Largest change against the model in service and the one accepted last [-]."""
+        changes = (self.change, self.change_since_accepted)
+        return max(float(np.abs(change).max()) for change in changes)
+
+    @property
+    def rejected(self) -> NDArray[np.intp]:
         """Rejected samples, from 0."""
         return np.flatnonzero(~self.belongs)
 
@@ -309,12 +312,12 @@ def refit(
     provenance = {
         **_kept_provenance(model),
         **origin("refit", samples, seed),
-        "set_aside": len(candidate.aside),
+        "set_aside": len(candidate.rejected),
         "fit_error": float(f"{error_after:.6g}"),
     }
     return Refit(
         model=replace(model, domain=candidate.domain, provenance=provenance),
-        set_aside=tuple((candidate.aside + 1).tolist()),
+        set_aside=tuple((candidate.rejected + 1).tolist()),
         kept=update.kept(problem.prior),
         refused=_first_objection(candidate, _CHECKS),
         doubt=_doubt(candidate),
@@ -343,10 +346,10 @@ def _require_points(problem: RobustProblem) -> None:
 def _refits_without_each_fold(
     used: RobustProblem, fold: NDArray[np.intp], update: Update
 ) -> list[EfficiencyModel]:
-    """Return the refits with the directions and parts of `update`, each without one fold."""
+    """Return the refits with the directions and fractions of `update`, each without one fold."""
     refits = []
-    for part in range(fold.max() + 1):
-        rest = replace(used, samples=used.samples.select(fold != part))
+    for number in range(fold.max() + 1):
+        rest = replace(used, samples=used.samples.select(fold != number))
         refits.append(update.applied(rest))
     return refits
 
@@ -368,13 +371,18 @@ def _kept_provenance(model: EfficiencyModel) -> dict[str, Any]:
 # --- objections to a refit ------------------------------------------------------------------------
 
 
+def _misses(model: EfficiencyModel, samples: BenchSamples) -> Array:
+    """Predicted less measured efficiency, shape (n,) [-]."""
+    return carried_at(model, samples.points) - samples.efficiency
+
+
 def _no_majority(candidate: _Candidate) -> str | None:
-    aside = len(candidate.aside)
+    rejected = len(candidate.rejected)
     count = len(candidate.samples)
-    if aside <= MAX_SET_ASIDE * count:
+    if rejected <= MAX_SET_ASIDE * count:
         return None
     return (
-        f"{aside} of {count} samples disagree with the others, more than a third: none can "
+        f"{rejected} of {count} samples disagree with the others, more than a third: none can "
         "be trusted"
     )
 
@@ -425,10 +433,7 @@ def _large_change(candidate: _Candidate) -> str | None:
     # A model that does not state its errors is an example: it may be another unit.
     if not candidate.served.states_errors:
         return None
-    largest = max(
-        float(np.abs(candidate.change).max()),
-        float(np.abs(candidate.change_since_accepted).max()),
-    )
+    largest = candidate.largest_departure
     if largest <= candidate.max_change:
         return None
     return (
@@ -447,8 +452,8 @@ def _contradiction(candidate: _Candidate) -> str | None:
         return None
     if candidate.belongs.all():
         return None
-    aside = candidate.samples.select(~candidate.belongs)
-    misses = carried_at(candidate.model, aside.points) - aside.efficiency
+    rejected = candidate.samples.select(~candidate.belongs)
+    misses = _misses(candidate.model, rejected)
     explained = int((np.abs(misses) <= MAX_CHANGE).sum())
     if explained < _FEW_CONTRADICTIONS:
         return None
@@ -462,26 +467,25 @@ def _two_states(candidate: _Candidate) -> str | None:
     """Object where some samples agree with the model in service rather than with the refit.
 
     The likelihood of a mixture of both is compared with that of the refit alone. Samples far from
-    both say nothing.
+    both change neither.
     """
     if not candidate.served.states_errors:
         return None
     samples = candidate.samples
-    misses = []
-    for model in (candidate.model, candidate.served):
-        predicted = carried_at(model, samples.points)
-        misses.append((predicted - samples.efficiency) / samples.efficiency)
-    scatter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(misses[0])))
-    refitted, served = (np.exp(-0.5 * (miss / scatter) ** 2) for miss in misses)
-    share = _SHARES[:, None]
-    mixture = np.log((1.0 - share) * refitted + share * served + _FAR_FROM_BOTH)
+    of_refit = _misses(candidate.model, samples) / samples.efficiency
+    of_served = _misses(candidate.served, samples) / samples.efficiency
+    scatter = MEDIAN_TO_DEVIATION * float(np.median(np.abs(of_refit)))
+    refitted = np.exp(-0.5 * (of_refit / scatter) ** 2)
+    served = np.exp(-0.5 * (of_served / scatter) ** 2)
+    fraction = _FRACTIONS[:, None]
+    mixture = np.log((1.0 - fraction) * refitted + fraction * served + _FAR_FROM_BOTH)
     gain = mixture.sum(axis=1) - np.log(refitted + _FAR_FROM_BOTH).sum()
     best = int(gain.argmax())
     if 2.0 * gain[best] < _CERTAIN_MIXTURE:
         return None
     return (
-        f"about {100 * _SHARES[best]:.0f} % of the samples agree with the model in service rather "
-        "than with the refit: they may be of two states of the unit, or of two units"
+        f"about {100 * _FRACTIONS[best]:.0f} % of the samples agree with the model in service "
+        "rather than with the refit: they may be of two states of the unit, or of two units"
     )
 
 
@@ -490,7 +494,7 @@ def _trend(candidate: _Candidate) -> str | None:
     used = candidate.samples.select(candidate.belongs)
     if not candidate.served.states_errors or len(used) <= _FEWEST_FOR_A_TREND:
         return None
-    misses = used.efficiency - carried_at(candidate.model, used.points)
+    misses = -_misses(candidate.model, used)
     order = np.linspace(-0.5, 0.5, len(used))
     slope = float(order @ misses / (order @ order))
     scatter = float(np.std(misses - slope * order, ddof=2))
@@ -566,8 +570,7 @@ def _first_objection(candidate: _Candidate, checks: tuple[_Check, ...]) -> str:
 
 def _doubt(candidate: _Candidate) -> str:
     """Return why a person has to decide; a negligible change needs none."""
-    changes = (candidate.change, candidate.change_since_accepted)
-    if max(float(np.abs(change).max()) for change in changes) <= _NOTICED:
+    if candidate.largest_departure <= _NOTICED:
         return ""
     return _first_objection(candidate, _DOUBTS)
 
@@ -575,7 +578,7 @@ def _doubt(candidate: _Candidate) -> str:
 def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> list[str]:
     """Sentences on the rejected samples and on what is left open."""
     warnings = gear_train_remarks(candidate.served, candidate.samples)
-    warnings += set_aside_remarks(candidate.samples, candidate.aside, expected)
+    warnings += set_aside_remarks(candidate.samples, candidate.rejected, expected)
     if candidate.drift > _NEAR_LIMIT * candidate.drift_limit:
         warnings.append(
             f"the refit differs from the base model by {100 * candidate.drift:.1f} points on "

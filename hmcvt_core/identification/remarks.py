@@ -27,6 +27,7 @@ _AT_BOUND = 1e-4  # of the width
 
 def undetermined(samples: BenchSamples, model: EfficiencyModel) -> Iterator[str]:
     """Yield what samples leave open of a model that was fitted to them."""
+    yield from _copied(samples)
     yield from _too_few(samples)
     yield from _one_sided(samples)
     yield from _loose(model)
@@ -34,23 +35,26 @@ def undetermined(samples: BenchSamples, model: EfficiencyModel) -> Iterator[str]
     yield from oil_remarks(model, samples)
 
 
-def _too_few(samples: BenchSamples) -> Iterator[str]:
-    columns = {name: values.tolist() for name, values in samples.columns.items()}
-    axes = [columns[axis] for axis in AXES]
-    points = len(set(zip(*axes, strict=True)))
-    rows = len(set(zip(*columns.values(), *samples.extra.values(), strict=True)))
+def _copied(samples: BenchSamples) -> Iterator[str]:
+    columns = [values.tolist() for values in samples.columns.values()]
+    distinct = len(set(zip(*columns, *samples.extra.values(), strict=True)))
     count = len(samples)
-    if rows < count:
+    if distinct < count:
         yield (
-            f"{count - rows} of {count} samples copy another one in every column: they "
+            f"{count - distinct} of {count} samples copy another one in every column: they "
             "count as measurements, and the standard errors are too small if they are none"
         )
+
+
+def _too_few(samples: BenchSamples) -> Iterator[str]:
+    axes = [getattr(samples, axis).tolist() for axis in AXES]
+    points = len(set(zip(*axes, strict=True)))
     if points >= len(PARAMETER_NAMES):
         return
     size = f"{points} samples"
-    if points < count:
+    if points < len(samples):
         plural = "s" if points > 1 else ""
-        size = f"{count} samples at {points} working point{plural}"
+        size = f"{len(samples)} samples at {points} working point{plural}"
     yield (
         f"{size} cannot determine {len(PARAMETER_NAMES)} parameters: the values are one "
         "choice among many"

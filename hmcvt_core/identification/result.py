@@ -29,7 +29,7 @@ class Identification:
         fit_error: mean |predicted - measured| / measured over them [-].
         prediction_error: the same over the samples held back at which the model has an answer, or
             None.
-        objective: value reached; `objective_name` says of what.
+        objective: value reached of `objective_name`.
         annealing_objective: value that the annealing reached by itself, before the finish; NaN
             where some sample had no answer there.
         objective_name: what was minimised.

@@ -169,12 +169,12 @@ class RobustProblem(Problem):
         return squares.fitted(starts)[0]
 
     def better_half(self, residuals: Array) -> Mask:
-        """Which samples (..., n) hold the least residuals and, just, the most of the votes."""
+        """Which samples (..., n) are the smallest majority of the votes by their residuals."""
         order = np.argsort(np.abs(residuals), axis=-1)
-        most = 0.5 * (self.votes.sum() + len(PARAMETER_NAMES) + 1.0)
+        majority = 0.5 * (self.votes.sum() + len(PARAMETER_NAMES) + 1.0)
         before = np.cumsum(self.votes[order], axis=-1) - self.votes[order]
         half = np.empty(order.shape, dtype=bool)
-        np.put_along_axis(half, order, before < most - 1e-9, axis=-1)
+        np.put_along_axis(half, order, before < majority - 1e-9, axis=-1)
         return half
 
     def consensus(self, seed: int) -> tuple[Array, Mask]:
@@ -196,7 +196,7 @@ class RobustProblem(Problem):
         return self._with_unanswered(change, belongs)
 
     def _cutoff(self, free: float = np.inf) -> float:
-        """Most that an honest sample deviates, in standard deviations.
+        """Maximum deviation of an honest sample, in standard deviations.
 
         Args:
             free: degrees of freedom of the residuals that give the standard deviation.
@@ -237,7 +237,7 @@ class RobustProblem(Problem):
         """Add samples at which the consensus has no answer, where a fit close to it has one.
 
         Close to stall a little more leakage than the true one leaves a load without an answer. Its
-        residual says nothing then: a fit that begins with less leakage decides.
+        residual decides nothing then, but a fit that begins with less leakage does.
         """
         for share in _LEAKAGE_SHARES:
             unanswered = ~belongs & np.isnan(self.predict(change))

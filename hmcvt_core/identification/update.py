@@ -28,25 +28,25 @@ _MOSTLY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """Changes that are independent of each other, and the part of each that is followed.
+    """Changes that are independent of each other, and the fraction of each that is followed.
 
     Attributes:
         scatter: standard deviation of the weighted residuals.
         directions: one in each column, in terms of `Prior.root`, shape (3, 3).
         information: of the samples about a step in each, where the prior has 1, shape (3,).
         steps: best step in each, shape (3,).
-        part: how much of it is followed, 0 to 1, shape (3,).
+        fraction: of it that is followed, 0 to 1, shape (3,).
     """
 
     scatter: float
     directions: Array
     information: Array
     steps: Array
-    part: Array
+    fraction: Array
 
     @classmethod
     def of(cls, problem: RobustProblem, start: Array) -> Update:
-        """Return what samples that belong together say of a change near `start` (3,)."""
+        """Return the update by samples that belong together, near a change `start` (3,)."""
         from scipy.stats import t as student
 
         scatter = float(problem.scatter(problem.residuals(start), problem.votes))
@@ -63,27 +63,27 @@ class Update:
         free = max(problem.votes.sum() - len(steps), 0.0) + 1.0
         with np.errstate(divide="ignore"):
             ratio = student.isf(_TAIL, free) / significance
-            part = np.maximum(0.0, 1.0 - ratio**2)
-        if part.any() and not problem.prior.stated:
+            fraction = np.maximum(0.0, 1.0 - ratio**2)
+        if fraction.any() and not problem.prior.stated:
             # Nothing but these samples supports a model without errors, and they refute it: the
             # most probable parameters are taken, with the wear as prior.
-            part = np.maximum(part, information / (1.0 + information))
-        return cls(scatter, directions, information, steps, part)
+            fraction = np.maximum(fraction, information / (1.0 + information))
+        return cls(scatter, directions, information, steps, fraction)
 
     def applied(self, problem: RobustProblem) -> EfficiencyModel:
         """Return the model in service, moved along the directions that are followed.
 
-        Its errors are those of samples and prior, by the part that each has in the model.
+        Its errors are those of samples and prior, by the fraction that each has in the model.
         """
-        chosen = self.part > 0.0
+        chosen = self.fraction > 0.0
         model = problem.model
         if chosen.any():
-            part = self.part[chosen]
             change = problem.nearest(
-                (self.part * self.steps)[chosen],
+                (self.fraction * self.steps)[chosen],
                 problem.votes / self.scatter**2,
                 self.directions[:, chosen],
-                (self.information * (1.0 - self.part))[chosen] / part,
+                (self.information * (1.0 - self.fraction))[chosen]
+                / self.fraction[chosen],
             )
             values = problem.prior.parameters(change).tolist()
             model = replace(model, parameters=HydraulicParameters(*values))
@@ -99,16 +99,16 @@ class Update:
     def _covariance(self, prior: Prior) -> Array:
         """Covariance of the parameters in their units, shape (3, 3)."""
         to_steps = self.directions.T @ np.linalg.inv(prior.root)
-        kept = np.outer(1.0 - self.part, 1.0 - self.part)
+        kept = np.outer(1.0 - self.fraction, 1.0 - self.fraction)
         in_steps = kept * (to_steps @ prior.covariance @ to_steps.T)
-        in_steps = in_steps + np.diag(self.part**2 / (1.0 + self.information))
+        in_steps = in_steps + np.diag(self.fraction**2 / (1.0 + self.information))
         to_parameters = (prior.unit[:, None] * prior.root) @ self.directions
         return np.asarray(to_parameters @ in_steps @ to_parameters.T)
 
     def kept(self, prior: Prior) -> tuple[str, ...]:
         """Return a sentence for each parameter that stays mostly as it is."""
         share = (prior.root @ self.directions) ** 2
-        followed = share @ self.part / share.sum(axis=1)
+        followed = share @ self.fraction / share.sum(axis=1)
         sentences = []
         for name, proven in zip(PARAMETER_NAMES, followed, strict=True):
             if proven < _MOSTLY:

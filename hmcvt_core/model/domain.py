@@ -199,7 +199,7 @@ class EfficiencyMap:
 
 
 class Prediction(NamedTuple):
-    """What the model says at operating points; floats, or arrays of one shape.
+    """Prediction of a model at operating points; floats, or arrays of one shape.
 
     Attributes:
         efficiency: output power / engine power [-]; NaN where the model has no answer.

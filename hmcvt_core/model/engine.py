@@ -416,18 +416,19 @@ def _column_of(cells: Table, quantity: str) -> tuple[str, str]:
             f"{cells.source}: columns {' and '.join(named)} both name {quantity}: call "
             f"one {quantity} [unit]"
         )
-    for column in named:
-        _, unit = _name_and_unit(column, quantity)
-        if unit:
-            return column, unit
+    if not named:
+        raise InputError(
+            f"{cells.source}: column {quantity} [unit] is missing; there is "
+            f"{', '.join(cells.columns)}"
+        )
+    (column,) = named
+    _, unit = _name_and_unit(column, quantity)
+    if not unit:
         raise InputError(
             f"{cells.source}: column {quantity} [unit] is missing: {column!r} states no "
             f"unit, one of {_listed_units(quantity)}"
         )
-    raise InputError(
-        f"{cells.source}: column {quantity} [unit] is missing; there is "
-        f"{', '.join(cells.columns)}"
-    )
+    return column, unit
 
 
 def _name_and_unit(column: str, quantity: str) -> tuple[str, str]:

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..transmission.mapping import number
 
 KINDS = ("pump", "motor")
+"""Kinds of hydrostatic units."""
 
 
 @dataclass(frozen=True)

@@ -391,6 +391,7 @@ class EfficiencyModel:
                 stroke, speed, load = displacement_ratio, engine_speed, load_torque
                 if not type(stroke) is type(speed) is type(load) is float:
                     stroke, speed, load = _as_floats(stroke, speed, load)
+                # Written out: a call of `_in_range` takes as long as three products.
                 if (
                     -1.0 <= stroke <= 1.0
                     and _SLOW <= speed <= _FAST
@@ -422,7 +423,10 @@ class EfficiencyModel:
 
         Of up to `_FEW` points the overhead of arrays is the larger part.
         """
-        columns, shape = _few_points(point)
+        few = _few_points(point)
+        if few is None:
+            return None
+        columns, shape = few
         solvers: Iterable[PointSolver | None]
         if stage is None:
             solvers = repeat(self._point_solvers.get(None))
@@ -474,7 +478,7 @@ class EfficiencyModel:
         # NumPy multiplies no masked matrices.
         slopes = np.ma.getdata(slopes)
         variance = ((slopes @ correlation) * slopes).sum(axis=-1)
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        # `published` takes a fixed eta_H at eps = 0, where its parameters change nothing.
         depends = slopes.any(axis=-1)
         variance = np.maximum(variance, 0.0) + self.misfit**2
         variance = variance + self._remainder_variance(point, stage)
@@ -524,7 +528,7 @@ class EfficiencyModel:
             for j, other in enumerate(slopes):
                 variance += slope * correlation[i][j] * other
         error = math.nan
-        # `published` takes a fixed eta_H at eps = 0: its parameters say nothing at that stroke.
+        # `published` takes a fixed eta_H at eps = 0, where its parameters change nothing.
         if any(slopes):
             # NaN stays NaN, as of arrays.
             variance = 0.0 if variance < 0.0 else variance
@@ -587,11 +591,13 @@ class EfficiencyModel:
         for limits in PARAMETER_RANGES:
             value = getattr(self.parameters, limits.name)
             error = half * self.standard_errors[limits.name]
-            below, above = error, error
+            below = error
+            above = error
             if limits.name in self._fitted_intervals:
                 low, high = self._fitted_intervals[limits.name]
                 scale = half / half_width(self.degrees_of_freedom)
-                below, above = scale * (value - low), scale * (high - value)
+                below = scale * (value - low)
+                above = scale * (high - value)
             intervals[limits.name] = (
                 max(value - below, limits.low),
                 min(value + above, limits.high),
@@ -677,15 +683,14 @@ class EfficiencyModel:
         model = self.without_meters().in_stage(stage)
         solver = model.balance("a breakdown of watts needs formulation power_balance")
         point = _as_floats(displacement_ratio, engine_speed, load_torque)
-        if oil_temperature is None and _in_range(*point):
-            shares: Any = None
-            if solver.losses_at_point is not None:
-                shares = solver.losses_at_point.shares(*point)
-            if shares is not None:
+        at_point = solver.losses_at_point
+        if at_point is not None and oil_temperature is None and _in_range(*point):
+            of_point: Any = at_point.shares(*point)
+            if of_point is not None:
                 return Breakdown(
-                    shares.input_power,
-                    shares.output_power,
-                    shares.losses,
+                    of_point.input_power,
+                    of_point.output_power,
+                    of_point.losses,
                     model.stage.name,
                 )
         points = OperatingPoints.checked(
@@ -997,24 +1002,25 @@ def _in_range(stroke: float, speed: float, load: float) -> bool:
     )
 
 
-def _few_points(point: Sequence[Any]) -> tuple[list[Iterable[float]], tuple[int, ...]]:
-    """Return columns of plain floats and their shape; no columns where they are not of that kind.
+def _few_points(
+    point: Sequence[Any],
+) -> tuple[list[Iterable[float]], tuple[int, ...]] | None:
+    """Return columns of plain floats and their shape; None where they are not of that kind.
 
-    Numbers, and arrays and lists of one shape with up to `_FEW` numbers, are.
+    Numbers, and arrays and lists of one shape with up to `_FEW` numbers, are; not numbers alone.
     """
-    columns: list[Iterable[float]] = []
+    columns = []
     shape: tuple[int, ...] = ()
     for value in point:
         column = _few_numbers(value)
         if column is None:
-            return [()], ()
+            return None
         numbers, own_shape = column
         columns.append(numbers)
-        if own_shape:
-            if shape and own_shape != shape:
-                return [()], ()
-            shape = own_shape
-    return (columns, shape) if shape else ([()], ())
+        if shape and own_shape and own_shape != shape:
+            return None
+        shape = own_shape or shape
+    return (columns, shape) if shape else None
 
 
 def _few_numbers(value: Any) -> tuple[Iterable[float], tuple[int, ...]] | None:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -158,10 +158,9 @@ def optimum(
     """See `EfficiencyModel.optimal_displacement_ratio`."""
     if hold not in HOLDS:
         raise InputError(f"hold = {hold!r}; there is {', '.join(HOLDS)}")
-    given = [
-        ranges.ENGINE_SPEED.check(engine_speed),
-        ranges.LOAD_TORQUE.check(load_torque),
-    ]
+    engine = ranges.ENGINE_SPEED.check(engine_speed)
+    load = ranges.LOAD_TORQUE.check(load_torque)
+    given = [engine, load]
     best: Callable[..., tuple[Any, ...]] = partial(_at_engine_speed, solver)
     if hold == "output_speed":
         low, high = ranges.ENGINE_SPEED.check(
@@ -172,23 +171,34 @@ def optimum(
                 f"engine_speed_limits = {low:g}, {high:g}: the first must be lower"
             )
         best = partial(_at_output_speed, solver, (low, high))
-        if output_speed is not None:
-            given.append(ranges.OUTPUT_SPEED.check(output_speed))
-        elif displacement_ratio is not None:
-            stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
-            points = np.broadcast_arrays(stroke, *given)
-            given.append(
-                OperatingPoints(*points).solved(lambda _, at: solver.solve(at))[1]
-            )
-        else:
-            raise InputError(
-                'hold="output_speed" needs displacement_ratio (now) or output_speed'
-            )
+        given.append(
+            _held_output_speed(solver, engine, load, displacement_ratio, output_speed)
+        )
     *values, limit = np.frompyfunc(best, len(given), 6)(*given)
     if np.ndim(limit):
         values = [column.astype(float) for column in values]
     stroke, efficiency, speed, torque, output = values
     return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
+
+
+def _held_output_speed(
+    solver: BalanceSolver,
+    engine_speed: Array,
+    load_torque: Array,
+    displacement_ratio: ArrayLike | None,
+    output_speed: ArrayLike | None,
+) -> Array:
+    """Return the output speed to hold: as given, or that at the displacement ratio now [rad/s]."""
+    if output_speed is not None:
+        return ranges.OUTPUT_SPEED.check(output_speed)
+    if displacement_ratio is None:
+        raise InputError(
+            'hold="output_speed" needs displacement_ratio (now) or output_speed'
+        )
+    stroke = ranges.DISPLACEMENT_RATIO.check(displacement_ratio)
+    columns = np.broadcast_arrays(stroke, engine_speed, load_torque)
+    points = OperatingPoints(*columns)
+    return np.asarray(points.solved(lambda _, at: solver.solve(at))[1])
 
 
 def _at_output_speed(
@@ -215,12 +225,10 @@ def _at_engine_speed(
         efficiency, output_speed, _ = solver.at_point(stroke, speed, torque)
     else:
         stroke = _best_on_grid(solver, speed, torque)
-        efficiency, output_speed, _ = (
-            column.item()
-            for column in solver.solve(
-                OperatingPoints(*np.array([[stroke], [speed], [torque]]))
-            )
-        )
+        points = OperatingPoints(*np.array([[stroke], [speed], [torque]]))
+        solution = solver.solve(points)
+        efficiency = solution.efficiency.item()
+        output_speed = solution.output_speed.item()
     return (
         stroke,
         efficiency,
@@ -286,32 +294,64 @@ class Search:
         return self
 
 
+Lookup = Callable[[float, float, float], Sequence[float]]
+"""Gives the efficiency first, for displacement ratio, engine speed and load torque."""
+
+
+class _Peak(NamedTuple):
+    """Highest efficiency on one side of rest; `stroke` runs as the square of the way from there.
+
+    Attributes:
+        efficiency: [-].
+        way: from the corner, 0, to full stroke, 1.
+        corner: stroke at which the motor comes to rest [-].
+        reach: stroke from there to full stroke, negative below rest [-].
+    """
+
+    efficiency: float
+    way: float
+    corner: float
+    reach: float
+
+    @property
+    def stroke(self) -> float:
+        """Displacement ratio [-]."""
+        return self.corner + self.reach * self.way * self.way
+
+
 def _best_stroke(
-    solver: BalanceSolver,
-    lookup: Callable[[float, float, float], Any],
-    speed: float,
-    torque: float,
+    solver: BalanceSolver, lookup: Lookup, speed: float, torque: float
 ) -> float:
     """As `_best_on_grid`, in plain floats."""
+    usual = solver.quadrant(Senses(-1 if solver.stage.reverse else 1, 1))
+    # Between the two the whole flow leaks: of these strokes the one next to zero is best.
+    lowest, highest = usual.resting_ratios(torque / speed)
+    low = min(max(lowest, -1.0), 1.0)
+    high = min(max(highest, -1.0), 1.0)
+    best = max(
+        _peak_beside(low, -1.0 - low, lookup, speed, torque),
+        _peak_beside(high, 1.0 - high, lookup, speed, torque),
+    )
+    return best.stroke if best.efficiency > 0.0 else math.nan
 
-    def value(way: float) -> float:
+
+def _peak_beside(
+    corner: float, reach: float, lookup: Lookup, speed: float, torque: float
+) -> _Peak:
+    """Return the peak on one side of rest, see `_Peak`."""
+
+    def efficiency_at(way: float) -> float:
         efficiency = lookup(corner + reach * way * way, speed, torque)[0]
         return efficiency if efficiency > 0.0 else 0.0  # NaN counts as lowest
 
-    tops = []
-    usual = solver.quadrant(Senses(-1 if solver.stage.reverse else 1, 1))
-    low, high = (
-        min(max(rest, -1.0), 1.0) for rest in usual.resting_ratios(torque / speed)
-    )
-    # Between the two the whole flow leaks: of these strokes the one next to zero is best.
-    for corner, reach in ((low, -1.0 - low), (high, 1.0 - high)):
-        top, way = max((value(i / PARTS), i / PARTS) for i in range(PARTS + 1))
-        tops.append((top, way, corner, reach))
-        if way > 0.0 or value(START) > top:
-            ends = max(way - 1.0 / PARTS, 0.0), min(way + 1.0 / PARTS, 1.0)
-            tops.append((*_golden(value, *ends), corner, reach))
-    top, way, corner, reach = max(tops)
-    return corner + reach * way * way if top > 0.0 else math.nan
+    ways = [i / PARTS for i in range(PARTS + 1)]
+    top, way = max((efficiency_at(way), way) for way in ways)
+    peak = _Peak(top, way, corner, reach)
+    if way == 0.0 and not efficiency_at(START) > top:
+        return peak
+    low = max(way - 1.0 / PARTS, 0.0)
+    high = min(way + 1.0 / PARTS, 1.0)
+    return max(peak, _Peak(*_golden(efficiency_at, low, high), corner, reach))
 
 
 def _golden(value: Callable[[float], float], a: float, b: float) -> tuple[float, float]:
@@ -370,10 +410,8 @@ class Line:
         ends = math.copysign(1.0, self.output_speed) * speed_ratio(
             self.solver.stage, np.array([-1.0, 1.0])
         )
-        slowest, fastest = (
-            ends.min() * (1.0 - SLIP) * low,
-            ends.max() * (1.0 + SLIP) * high,
-        )
+        slowest = ends.min() * (1.0 - SLIP) * low
+        fastest = ends.max() * (1.0 + SLIP) * high
         return bool(slowest <= abs(self.output_speed) <= fastest)
 
     def search(self, low: float, high: float) -> Search:
@@ -463,7 +501,8 @@ def drive_optimum(
     ).tolist()
     if engine is not None:
         _require_engine(engine)
-        low, high = max(low, float(engine.speed[0])), min(high, float(engine.speed[-1]))
+        low = max(low, float(engine.speed[0]))
+        high = min(high, float(engine.speed[-1]))
     if not low < high:
         raise InputError(
             f"engine_speed_limits = {low:g}, {high:g}: nothing lies between them and "

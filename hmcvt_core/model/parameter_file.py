@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..transmission.parameters import (
     PARAMETER_UNITS,
     HydraulicParameters,
 )
+from ..transmission.ranges import Array
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
 from .domain import AXES, Domain
@@ -170,12 +171,12 @@ def _undated(model: EfficiencyModel) -> dict[str, Any]:
 def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
     file = Section(data)
     parameters = file.section("parameters")
-    values, errors = [], {}
+    values = []
+    errors = {}
     for name in PARAMETER_NAMES:
         entry = parameters.section(name)
-        values.append(
-            quantity(entry.data, PARAMETER_UNITS[name], f"parameters.{name}")[0]
-        )
+        place = f"parameters.{name}"
+        values.append(quantity(entry.data, PARAMETER_UNITS[name], place)[0])
         if "standard_error" in entry.data:
             errors[name] = entry.number("standard_error", low=0.0)
     effects = data.get("effects", [])
@@ -193,27 +194,25 @@ def _from_mapping(data: Mapping[str, Any]) -> EfficiencyModel:
         formulation=str(file.get("formulation")),
         effects=_effects(effects, [stage.name, *(item.name for item in others)]),
         standard_errors=errors if len(errors) == len(PARAMETER_NAMES) else {},
-        correlation=_correlation(data["correlation"])
-        if "correlation" in data
-        else None,
-        degrees_of_freedom=(
-            file.number("degrees_of_freedom", low=MIN_DEGREES)
-            if "degrees_of_freedom" in data
-            else None
-        ),
+        correlation=_correlation(file),
+        degrees_of_freedom=_number(file, "degrees_of_freedom", None, MIN_DEGREES),
         domain=_domain(file.section("domain")) if "domain" in data else None,
         provenance=provenance,
         units={} if units is None else measured_units(units),
-        intervals=_intervals(file.section("interval_90"), values)
-        if "interval_90" in data
-        else {},
-        misfit=file.number("misfit", low=0.0) if "misfit" in data else 0.0,
-        remainder_deviation=(
-            file.number("remainder_deviation", low=0.0)
-            if "remainder_deviation" in data
-            else 0.0
-        ),
+        intervals=_intervals(file, values),
+        misfit=_number(file, "misfit", 0.0),
+        remainder_deviation=_number(file, "remainder_deviation", 0.0),
     )
+
+
+_Default = TypeVar("_Default")
+
+
+def _number(
+    file: Section, key: str, default: _Default, low: float = 0.0
+) -> float | _Default:
+    """Return a number of at least `low` that a file may lack."""
+    return file.number(key, low=low) if key in file.data else default
 
 
 def _effects(entries: Sequence[object], stages: Sequence[str]) -> tuple[Effect, ...]:
@@ -244,9 +243,17 @@ def _domain(entry: Section) -> Domain:
 
 
 def _intervals(
-    entry: Section, values: Sequence[float]
+    file: Section, values: Sequence[float]
 ) -> dict[str, tuple[float, float]]:
-    """Read the interval of each parameter, which holds its value; both in order of the names."""
+    """Read the interval of each parameter, which holds its value; empty where none is stated.
+
+    Args:
+        file: with the section `interval_90`, if it has one.
+        values: of the parameters, in the order of their names.
+    """
+    if "interval_90" not in file.data:
+        return {}
+    entry = file.section("interval_90")
     intervals = {name: _pair(entry, name) for name in PARAMETER_NAMES}
     for (name, (low, high)), value in zip(intervals.items(), values, strict=True):
         field = f"{entry.where}{name} = [{low!r}, {high!r}]"
@@ -269,7 +276,11 @@ def _pair(entry: Section, key: str) -> tuple[float, float]:
     return number(value[0], field), number(value[1], field)
 
 
-def _correlation(value: Any) -> Any:
+def _correlation(file: Section) -> Array | None:
+    """Read the correlation of the parameters; None where none is stated."""
+    if "correlation" not in file.data:
+        return None
+    value = file.data["correlation"]
     n = len(PARAMETER_NAMES)
     try:
         matrix = np.asarray(value, dtype=float)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..benches.transmission.channels import EFFICIENCY_CHANNEL
+from ..benches.transmission.readings import ASSUMED_NOISE
 from ..files import picture, preformatted
 from ..files.bench import BenchSamples
 from ..model.checks import require_model_and_samples
@@ -27,7 +28,6 @@ MIDDLE_LOAD = 200.0
 """Load torque in the middle of the paper's tests, where the plane of the base is centred [N m]."""
 PLANE_TERMS = 4
 """Level, and slopes over stroke, engine speed and load."""
-_ASSUMED_NOISE = "assumed, 1.12 % (paper, eq. (3))"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +143,8 @@ class _Compared:
 class Watch:
     """Compares bench samples with a model as they come; it changes nothing.
 
-    What the model does not know of itself is no gap: its parameters may be off as their standard
-    errors say, and its efficiency by a plane over stroke, engine speed and load. Each term of that
+    What the model does not know of itself is no gap: its parameters may be off by their standard
+    errors, and its efficiency by a plane over stroke, engine speed and load. Each term of that
     plane has the deviation by which a form is a little off (as in a diagnosis), or, where a model
     states no errors, the paper's 1.12 %.
     """
@@ -176,7 +176,7 @@ class Watch:
         self._compared: deque[_Compared] = deque(maxlen=KEPT_SAMPLES)
         self._samples = 0
         self._noticed: int | None = None
-        self._noise_source = _ASSUMED_NOISE
+        self._noise_source = ASSUMED_NOISE
 
     def take(self, samples: BenchSamples) -> None:
         """Take samples in the order in which they were measured.
@@ -278,7 +278,7 @@ def _prior_of(model: EfficiencyModel) -> Array:
     from scipy.linalg import block_diag
 
     plane = np.eye(PLANE_TERMS)
-    if model.standard_errors and model.correlation is not None:
+    if model.states_errors:
         plane *= EFFICIENCY_CHANNEL.misfit_spread**2
         return np.asarray(block_diag(plane, model.correlation))
     return plane * PAPER_EFFICIENCY_UNCERTAINTY**2

@@ -26,6 +26,15 @@ class PointShares(NamedTuple):
     losses: dict[str, float]
 
 
+class _Speeds(NamedTuple):
+    """Speeds of the shafts [rad/s]; motor and output (`geared`) are reflected."""
+
+    engine: float
+    pump: float
+    motor: float
+    geared: float
+
+
 class PointLosses:
     """Losses of one stage at single points.
 
@@ -70,51 +79,83 @@ class PointLosses:
             return None
         pull = 1 if load_torque >= 0.0 else -1
         constants = self._quadrant(Senses(1 if output_speed > 0.0 else -1, pull))
-        sense = float(constants.sense)
-        geared = float(constants.reflection) * output_speed
-        engine_share, output_share = constants.pump_ratios
-        pump_speed = engine_share * engine_speed
-        if constants.pump_on_row:
-            pump_speed += output_share * geared
-        rest = float(constants.mechanical_ratio)
-        motor_speed = (geared - rest * engine_speed) / constants.hydraulic_ratio
+        speeds = self._speeds(constants, engine_speed, output_speed)
         volume = self._units.motor_displacement
         stroke_volume = float(constants.flow_ratio) * displacement_ratio * volume
-        leaked = stroke_volume * pump_speed - volume * motor_speed
+        delivered = stroke_volume * speeds.pump
+        leaked = delivered - volume * speeds.motor
         pressure = leaked / self._leakage  # (13)
         losses = self._unit_losses(
-            pressure, stroke_volume * pump_speed, leaked, pump_speed, motor_speed
+            pressure, delivered, leaked, speeds.pump, speeds.motor
         )
-        ideal = pressure * stroke_volume
-        friction = self._units.pump_friction * abs(ideal)
-        torque = ideal + math.copysign(friction, pump_speed)
-        torque += self._pump_damping * pump_speed  # (15)
-        braking = _along(
-            losses, self._pump, torque, pump_speed, torque * pump_speed > 0.0
-        )
-        load = load_torque * engine_speed / geared
-        if constants.pump_on_row:
-            braced = -output_share * braking
-            given = _along(
-                losses, self._braced_output, braced, -geared, braced * geared < 0.0
-            )
-            reaction = engine_share * braking
-            is_forward = braking > 0.0
-            asked = load - given
-            driving = asked * motor_speed > 0.0
-        else:
-            asked = _along(losses, self._output, load, geared, sense > 0.0)
-            reaction = asked * rest
-            is_forward = rest >= 0.0
-            driving = motor_speed > 0.0
-        asked *= constants.hydraulic_ratio
-        _along(losses, self._motor, asked, motor_speed, driving)
-        _along(losses, self._mechanical, reaction, engine_speed, is_forward)
+        pump_torque = self._pump_torque(pressure * stroke_volume, speeds.pump)
+        load = load_torque * engine_speed / speeds.geared
+        self._add_gear_losses(losses, constants, speeds, pump_torque, load)
         if self._stage.has_row:
             losses["planetary_row"] = 0.0
         return PointShares(
             engine_torque * engine_speed, load_torque * engine_speed, losses
         )
+
+    def _speeds(
+        self, constants: Quadrant, engine_speed: float, output_speed: float
+    ) -> _Speeds:
+        """Return the speeds of the shafts, eq. (4)."""
+        geared = float(constants.reflection) * output_speed
+        engine_share, output_share = constants.pump_ratios
+        pump = engine_share * engine_speed
+        if constants.pump_on_row:
+            pump += output_share * geared
+        rest = float(constants.mechanical_ratio)
+        motor = (geared - rest * engine_speed) / constants.hydraulic_ratio
+        return _Speeds(engine_speed, pump, motor, geared)
+
+    def _pump_torque(self, ideal: float, speed: float) -> float:
+        """Return the torque of the pump, eq. (15), for its pressure torque [N m]."""
+        friction = self._units.pump_friction * abs(ideal)
+        torque = ideal + math.copysign(friction, speed)
+        return torque + self._pump_damping * speed
+
+    def _add_gear_losses(
+        self,
+        losses: dict[str, float],
+        constants: Quadrant,
+        speeds: _Speeds,
+        pump_torque: float,
+        load: float,
+    ) -> None:
+        """Add the losses of all gear pairs, from the load back.
+
+        Args:
+            losses: to add to.
+            constants: of the quadrant.
+            speeds: of the shafts.
+            pump_torque: of the pump [N m].
+            load: torque of the output [N m].
+        """
+        is_pumping = pump_torque * speeds.pump > 0.0
+        braking = _along(losses, self._pump, pump_torque, speeds.pump, is_pumping)
+        if constants.pump_on_row:
+            engine_share, output_share = constants.pump_ratios
+            braced = -output_share * braking
+            is_given = braced * speeds.geared < 0.0
+            given = _along(
+                losses, self._braced_output, braced, -speeds.geared, is_given
+            )
+            reaction = engine_share * braking
+            is_forward = braking > 0.0
+            asked = load - given
+            is_driving = asked * speeds.motor > 0.0
+        else:
+            rest = float(constants.mechanical_ratio)
+            is_pull = float(constants.sense) > 0.0
+            asked = _along(losses, self._output, load, speeds.geared, is_pull)
+            reaction = asked * rest
+            is_forward = rest >= 0.0
+            is_driving = speeds.motor > 0.0
+        asked *= constants.hydraulic_ratio
+        _along(losses, self._motor, asked, speeds.motor, is_driving)
+        _along(losses, self._mechanical, reaction, speeds.engine, is_forward)
 
     def _unit_losses(
         self,

@@ -129,6 +129,10 @@ class StartingTorque(NamedTuple):
     slope: Any
     square: Any
 
+    def at(self, ratio: Any) -> Any:
+        """Return the torque at e."""
+        return self.level + (self.slope + self.square * ratio) * ratio
+
 
 @dataclass(frozen=True)
 class RegimeConstants:
@@ -324,9 +328,8 @@ class Quadrant:
     def starts(self, ratio: Any) -> Any:
         """Whether an output at rest without load starts in the sense of the quadrant."""
         positive, negative = self.starting_torques
-        ahead = positive.level + (positive.slope + positive.square * ratio) * ratio
-        back = negative.level + (negative.slope + negative.square * ratio) * ratio
-        return np.where(ratio > 0.0, ahead, back) > 0.0
+        torque = np.where(ratio > 0.0, positive.at(ratio), negative.at(ratio))
+        return torque > 0.0
 
     def quadratic(
         self, regime: RegimeConstants, ratio: Any, load: Any

@@ -422,78 +422,114 @@ def _fitted_logs(training: Training, scaled: Array) -> Array:
     """
     from scipy.optimize import minimize
 
-    axes = scaled.shape[1]
-    varies = np.ptp(scaled, axis=0) > MIN_VARIATION
-    of_noise = ASSUMED_NOISE_LOG_DEVIATION
-    if training.noise_stated:
-        of_noise = NOISE_LOG_DEVIATION
-    spread = np.append(
-        np.full(axes, LENGTH_LOG_DEVIATION),
-        [
-            DEVIATION_LOG_DEVIATION,
-            of_noise,
-            DEVIATION_LOG_DEVIATION,
-            LENGTH_LOG_DEVIATION,
-        ],
-    )
-    # A length along an axis that does not vary changes nothing.
-    free = np.append(np.flatnonzero(varies), axes + np.arange(4))
-    scaled_terms = training.columns * training.spread
-    of_terms = scaled_terms @ scaled_terms.T
-    apart = np.abs(training.order[:, None] - training.order)
-    squares = (scaled[:, None] - scaled) ** 2
-    squares = np.ascontiguousarray(np.moveaxis(squares, -1, 0))
-    near = matern(scaled, scaled, np.full(axes, SCATTER_REACH))
-    products = np.outer(training.noise, training.noise)
-
-    def objective(part: Array) -> tuple[float, Array]:
-        logs = np.zeros(axes + 4)
-        logs[free] = part
-        lengths = LENGTH_MEDIAN * np.exp(logs[:axes])
-        deviation = training.smooth_deviation * np.exp(logs[axes])
-        noise_factor = np.exp(logs[axes + 1])
-        noise = noise_factor * training.noise
-        drift = _drift_of(logs)
-        correlation, of_lengths = _matern_with_slopes(squares, lengths)
-        of_smooth = deviation**2 * correlation
-        lasting = np.exp(-apart / drift.readings) * near
-        of_drift = (drift.deviation * noise_factor) ** 2 * products * lasting
-        factor = _factor_of(of_smooth + of_terms + of_drift, noise)
-        weights, inverse = _solved(factor, training.values)
-        difference = inverse - np.outer(weights, weights)
-        # Half the sum of the difference times the derivative of the covariance by a logarithm.
-        in_smooth = difference * (0.5 * deviation**2)
-        gradient = [np.vdot(in_smooth, slope) for slope in of_lengths]
-        gradient.append(2.0 * np.vdot(in_smooth, correlation))
-        in_drift = difference * of_drift
-        of_noise = np.sum(np.diagonal(difference) * noise**2)
-        gradient.append(np.sum(in_drift) + of_noise)
-        gradient.append(np.sum(in_drift))
-        gradient.append(0.5 * np.vdot(in_drift, apart) / drift.readings)
-        value = 0.5 * training.values @ weights + np.sum(np.log(np.diagonal(factor)))
-        value += 0.5 * float(np.sum((logs / spread) ** 2))
-        return float(value), (np.array(gradient) + logs / spread**2)[free]
-
-    bounds = [LENGTH_LOG_BOUNDS] * (len(free) - 4)
+    posterior = _LogPosterior(training, scaled)
+    free = len(posterior.free)
+    bounds = [LENGTH_LOG_BOUNDS] * (free - 4)
     bounds += [DEVIATION_LOG_BOUNDS, NOISE_LOG_BOUNDS]
     bounds += [DEVIATION_LOG_BOUNDS, LENGTH_LOG_BOUNDS]
-    best = None
-    for start in _starts(len(free)):
-        fitted = minimize(
-            objective,
-            start,
-            method="L-BFGS-B",
-            jac=True,
-            bounds=bounds,
-            options={"maxiter": 200, "ftol": 1e-12, "gtol": 1e-6},
+    searches = []
+    for start in _starts(free):
+        searches.append(
+            minimize(
+                posterior.cost_and_gradient,
+                start,
+                method="L-BFGS-B",
+                jac=True,
+                bounds=bounds,
+                options={"maxiter": 200, "ftol": 1e-12, "gtol": 1e-6},
+            )
         )
+    best, *others = searches
+    for other in others:
         # A tie by rounding goes to the first start.
-        if best is None or fitted.fun < best.fun - MIN_GAIN:
-            best = fitted
-    logs = np.zeros(axes + 4)
-    if best is not None:
-        logs[free] = best.x
-    return logs
+        if other.fun < best.fun - MIN_GAIN:
+            best = other
+    return posterior.logs_of(best.x)
+
+
+class _LogPosterior:
+    """Log posterior density of the logs of lengths, deviation, noise and drift.
+
+    The logs are relative to their prior medians. That of a length along an axis that does not vary
+    changes nothing and stays zero.
+
+    Attributes:
+        axes: number of the axes.
+        spread: prior deviations of all logs, shape (axes + 4,).
+        free: indices of those that are fitted, shape (k,).
+
+    Args:
+        training: the readings.
+        scaled: operating points, axes scaled to 0 ... 1, shape (n, d).
+    """
+
+    def __init__(self, training: Training, scaled: Array) -> None:
+        self._training = training
+        self.axes = scaled.shape[1]
+        noise_deviation = ASSUMED_NOISE_LOG_DEVIATION
+        if training.noise_stated:
+            noise_deviation = NOISE_LOG_DEVIATION
+        self.spread = np.array(
+            [
+                *[LENGTH_LOG_DEVIATION] * self.axes,
+                DEVIATION_LOG_DEVIATION,
+                noise_deviation,
+                DEVIATION_LOG_DEVIATION,
+                LENGTH_LOG_DEVIATION,
+            ]
+        )
+        varies = np.ptp(scaled, axis=0) > MIN_VARIATION
+        self.free = np.append(np.flatnonzero(varies), self.axes + np.arange(4))
+        terms = training.columns * training.spread
+        self._of_terms = terms @ terms.T
+        self._apart = np.abs(training.order[:, None] - training.order)
+        squares = (scaled[:, None] - scaled) ** 2
+        self._squares = np.ascontiguousarray(np.moveaxis(squares, -1, 0))
+        self._near = matern(scaled, scaled, np.full(self.axes, SCATTER_REACH))
+        self._noise_products = np.outer(training.noise, training.noise)
+
+    def logs_of(self, free_logs: Array) -> Array:
+        """Return all logs, shape (axes + 4,), for those that are fitted, shape (k,)."""
+        logs = np.zeros(self.axes + 4)
+        logs[self.free] = free_logs
+        return logs
+
+    def cost_and_gradient(self, free_logs: Array) -> tuple[float, Array]:
+        """Return the negative log density, up to a constant, and its gradient, shape (k,).
+
+        Args:
+            free_logs: those that are fitted, shape (k,).
+        """
+        logs = self.logs_of(free_logs)
+        readings = self._training.values
+        lengths = LENGTH_MEDIAN * np.exp(logs[: self.axes])
+        deviation = self._training.smooth_deviation * np.exp(logs[self.axes])
+        noise_factor = np.exp(logs[self.axes + 1])
+        noise = noise_factor * self._training.noise
+        drift = _drift_of(logs)
+        correlation, length_slopes = _matern_with_slopes(self._squares, lengths)
+        of_smooth = deviation**2 * correlation
+        lasting = np.exp(-self._apart / drift.readings) * self._near
+        drift_variance = (drift.deviation * noise_factor) ** 2
+        of_drift = drift_variance * self._noise_products * lasting
+        factor = _factor_of(of_smooth + self._of_terms + of_drift, noise)
+        weights, inverse = _solved(factor, readings)
+        cost = 0.5 * readings @ weights + np.sum(np.log(np.diagonal(factor)))
+        cost += 0.5 * float(np.sum((logs / self.spread) ** 2))
+
+        # Half the sum of the difference times the derivative of the covariance by a logarithm.
+        difference = inverse - np.outer(weights, weights)
+        in_smooth = difference * (0.5 * deviation**2)
+        in_drift = difference * of_drift
+        by_noise = np.sum(np.diagonal(difference) * noise**2)
+        gradient = [np.vdot(in_smooth, slope) for slope in length_slopes]
+        gradient += [
+            2.0 * np.vdot(in_smooth, correlation),
+            np.sum(in_drift) + by_noise,
+            np.sum(in_drift),
+            0.5 * np.vdot(in_drift, self._apart) / drift.readings,
+        ]
+        return float(cost), (np.array(gradient) + logs / self.spread**2)[self.free]
 
 
 def _starts(count: int) -> list[Array]:

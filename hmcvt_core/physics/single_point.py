@@ -337,8 +337,8 @@ class _PumpOnRow:
 def _starts(chosen: _RowSense, ratio: float) -> bool:
     """Whether an output at rest without load starts in a sense."""
     positive, negative = chosen.starting_torques
-    level, slope, square = positive if ratio > 0.0 else negative
-    return level + (slope + square * ratio) * ratio > 0.0
+    torque = positive if ratio > 0.0 else negative
+    return bool(torque.at(ratio) > 0.0)
 
 
 def _row_sense(quadrant: Quadrant) -> _RowSense:

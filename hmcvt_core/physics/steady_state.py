@@ -204,7 +204,7 @@ class SteadyState(Quadrant):
         brace = constants.brace * constants.pump
         rest = asked - constants.brace_drag * pump
         linear = constants.motor + brace * motor / pump
-        form_error = 4.0 * brace * rest / (self.stiffness * pump)
-        pressure = 2.0 * rest / (linear + np.sqrt(linear * linear + form_error))
+        curvature = 4.0 * brace * rest / (self.stiffness * pump)
+        pressure = 2.0 * rest / (linear + np.sqrt(linear * linear + curvature))
         ratio = (motor + pressure / self.stiffness) / pump  # (13)
         return pressure, ratio, self.quadratic(constants, ratio, load)[2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -111,12 +112,13 @@ def _standstill_remarks(stage: Stage, speeds: StageSpeeds) -> list[str]:
     """Return a sentence where a stage with a row passes standstill within its stroke."""
     if not stage.has_row or speeds.direction != "both":
         return []
-    usual, other = ("backward", "forward") if stage.reverse else ("forward", "backward")
-    end = speeds.ratios[0] if speeds.rising != stage.reverse else speeds.ratios[-1]
-    stroke = STROKES[0] if speeds.rising != stage.reverse else STROKES[-1]
+    usual, other = "forward", "backward"
+    if stage.reverse:
+        usual, other = other, usual
+    end = 0 if speeds.rising != stage.reverse else -1
     return [
-        f"{stage.name} drives {usual}, but {other} next to stroke {stroke:+g}, at a ratio of "
-        f"up to {end:+.4f}: the sign of the output speed says which"
+        f"{stage.name} drives {usual}, but {other} next to stroke {STROKES[end]:+g}, at a "
+        f"ratio of up to {speeds.ratios[end]:+.4f}: the sign of the output speed says which"
     ]
 
 
@@ -145,13 +147,8 @@ def _overlaps(stages: Sequence[Stage], speeds: Sequence[StageSpeeds]) -> list[Ov
         chain = []
         for stage, entry in zip(stages, speeds, strict=True):
             if _drives_backward(stage, entry) == backward:
-                chain.append((_range(entry, backward), entry.name))
-        chain.sort()
-        for i in range(len(chain) - 1):
-            lower_range, lower = chain[i]
-            upper_range, upper = chain[i + 1]
-            end = lower_range[1]
-            start = upper_range[0]
+                chain.append((*_range(entry, backward), entry.name))
+        for (_, end, lower), (start, _, upper) in pairwise(sorted(chain)):
             overlaps.append(Overlap(lower, upper, end, start, (end - start) / end))
     return overlaps
 

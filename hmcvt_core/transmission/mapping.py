@@ -58,7 +58,7 @@ class Section:
     where: str = ""
 
     def get(self, key: object) -> Any:
-        """Return a field; an `InputError` says that it is missing."""
+        """Return a field; an `InputError` names one that is missing."""
         if not isinstance(key, (str, int, float)):
             raise InputError(f"{self.where}{key!r} is not a name")
         # YAML reads the name 2 of a gear pair as a number; a file may write it either way.

@@ -7,9 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import InputError
-
-PATHS = ("mechanical", "pump", "motor", "output")
-"""Names of the power paths: engine to row, engine to pump, motor to row, row to output."""
+from .stage import PATHS
 
 DIRECT = "direct"
 """Stands for a path without a gear pair."""

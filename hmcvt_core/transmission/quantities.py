@@ -131,7 +131,7 @@ class Range:
         return array
 
     def complaint(self, value: float, index: str = "") -> str:
-        """Say in one line what is wrong with a value outside."""
+        """Return in one line what is wrong with a value outside."""
         if not np.isfinite(value):
             return f"{self.name}{index} = {value} is not finite; allowed {self}"
         hint = f" ({self.hint})" if self.hint else ""

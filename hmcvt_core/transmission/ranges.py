@@ -148,7 +148,7 @@ class OperatingPoints(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """What a formulation says at operating points; arrays of one shape, NaN without an answer.
+    """Solution of a formulation at operating points; arrays of one shape, NaN without an answer.
 
     Attributes:
         efficiency: output power / engine power [-]; in overrun (negative load) engine power /

@@ -27,10 +27,11 @@ from ..errors import InputError
 from .clutches import MEMBERS, check_names, open_clutches
 from .mapping import Section, number
 from .ranges import Range
-from .teeth import gear_ratio, row_constant
+from .teeth import gear_ratio, stated_ratio
 
 LAYOUTS = ("input_coupled", "output_coupled", "hydrostatic")
-_PATHS = ("mechanical", "pump", "motor", "output")
+PATHS = ("mechanical", "pump", "motor", "output")
+"""Names of the power paths: engine to row, engine to pump, motor to row, row to output."""
 _MAX_STAGES = 64
 """Stages of a file; transmissions have up to a dozen."""
 CM3_PER_REV = 1e-6 / (2.0 * math.pi)  # in m3/rad
@@ -265,7 +266,7 @@ class Stage:
     @property
     def paths(self) -> dict[str, Path]:
         """The four paths by name: mechanical, pump, motor, output."""
-        return {name: getattr(self, name) for name in _PATHS}
+        return {name: getattr(self, name) for name in PATHS}
 
     @property
     def gear_pairs(self) -> tuple[GearPair, ...]:
@@ -347,7 +348,7 @@ class Stage:
         )
 
     def _entry(self, rows: Mapping[float, str]) -> dict[str, Any]:
-        """What a file says of this stage, with names of the planetary constants."""
+        """Return the entry of a file for this stage, with names of the planetary constants."""
         entry: dict[str, Any] = {}
         if self.layout != LAYOUTS[0]:
             entry["layout"] = self.layout
@@ -441,7 +442,7 @@ def speed_ratio(
 
 
 def _require_row(stage: Mapping[Any, Any], where: str) -> None:
-    """Say how a stage is written that has neither a row nor a mechanical path."""
+    """Refuse a stage with neither a row nor a mechanical path that is not `hydrostatic`."""
     if "planetary_row" in stage or "mechanical" in stage:
         return
     raise InputError(
@@ -493,9 +494,9 @@ def _row_and_paths(file: Section, entry: Section, layout: str) -> dict[str, Any]
         _require_row(entry.data, entry.where)
         row = entry.get("planetary_row")
         rows = file.section("planetary_rows")
-        constant = row_constant(rows.get(row), f"{rows.where}{row}")
+        constant = stated_ratio(rows.get(row), f"{rows.where}{row}")
         fields["planetary_constant"] = constant
-    for key in _PATHS:
+    for key in PATHS:
         if key == "mechanical" and not on_row:
             continue
         path = entry.section(key)

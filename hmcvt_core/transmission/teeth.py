@@ -73,15 +73,15 @@ def gear_ratio(value: object, place: str) -> float:
                 f"{place} = {dict(value)!r} needs the teeth driven and driving"
             )
         value = f"{value['driven']}/{value['driving']}"
-    return _ratio(value, place)
+    return stated_ratio(value, place)
 
 
-def row_constant(value: object, place: str) -> float:
-    """Return teeth of the ring / teeth of the sun, stated as a number or as `RING/SUN`."""
-    return _ratio(value, place)
+def stated_ratio(value: object, place: str) -> float:
+    """Return a ratio that is stated as a number or as teeth, such as `RING/SUN` [-].
 
-
-def _ratio(value: object, place: str) -> float:
+    Raises:
+        InputError: the value is neither, or a count is implausible; the place is named.
+    """
     try:
         counts = tooth_counts(value)
     except InputError as error:

@@ -11,7 +11,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hmcvt_core.benches.unit.samples import KINDS, LOSSES, TELLING, UnitSamples, sign_of
+from hmcvt_core.benches.unit.samples import (
+    KINDS,
+    LOSSES,
+    MIN_TORQUE_PRESSURE,
+    UnitSamples,
+    sign_of,
+)
 from hmcvt_core.errors import InputError
 from hmcvt_core.files.table import Table, read_plain
 from hmcvt_core.transmission.ranges import OIL_TEMPERATURE, Array, Range
@@ -325,7 +331,7 @@ def _refuse_other_routes(
     if set(_MEASURED).isdisjoint(present):
         return
     sign = sign_of(samples.kind)
-    loaded = samples.pressure > TELLING
+    loaded = samples.pressure > MIN_TORQUE_PRESSURE
     flow, torque = samples.ideal + np.array([[-sign], [sign]]) * samples.losses
     power = flow * samples.pressure
     shaft_power = torque * samples.speed
@@ -457,7 +463,7 @@ def _torque_loss(
         flow = samples.ideal[0] - sign * flow_loss
         volumetric = (flow / samples.ideal[0]) ** sign
         mechanical = values["overall_efficiency"] / volumetric
-        mechanical = np.where(samples.pressure < TELLING, 1.0, mechanical)
+        mechanical = np.where(samples.pressure < MIN_TORQUE_PRESSURE, 1.0, mechanical)
     return np.asarray(sign * ideal * (mechanical**-sign - 1.0))
 
 
@@ -495,7 +501,7 @@ def _numbers(cells: Table, units: Mapping[str, str]) -> dict[str, Array]:
         values[name] = _in_si(name, cells, units)
         if name in ("mechanical_efficiency", "overall_efficiency"):
             # Without pressure it is 0 or whatever the maker prints.
-            idle = values["pressure"] < TELLING
+            idle = values["pressure"] < MIN_TORQUE_PRESSURE
             values[name] = np.where(idle, 1.0, values[name])
         limits = _RANGES.get(name) or _sized(name, values)
         cells.require_range(values[name], limits)
@@ -591,7 +597,7 @@ def _require_in_place(
 
     The mechanical one gains on the volumetric one with pressure, and loses with speed.
     """
-    loaded = samples.pressure > TELLING
+    loaded = samples.pressure > MIN_TORQUE_PRESSURE
     drivers = [
         driver[loaded] / driver.max() for driver in (samples.pressure, samples.speed)
     ]

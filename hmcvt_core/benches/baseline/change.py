@@ -292,7 +292,7 @@ def different_curves(
 
     Two curves are one where they differ by less than the noise hides, or in no channel by more than
     the forms of effects are exact. A form error is one factor for all channels, so that a channel
-    in which only one of them shows tells them apart.
+    in which only one of them shows distinguishes them.
 
     Args:
         machine: held; the order of its library decides which effect stands for others.
@@ -320,12 +320,12 @@ def different_curves(
     visible = _visible_difference(base, curves)
     kept: dict[str, list[Any]] = {}
     for name, effect in classes.items():
-        twin = name
-        for other in kept:
-            if _is_same(base, curves[name], curves[other], visible):
-                twin = other
-                break
-        kept.setdefault(twin, []).append(effect)
+        same = (
+            other
+            for other in kept
+            if _is_same(base, curves[name], curves[other], visible)
+        )
+        kept.setdefault(next(same, name), []).append(effect)
     return {name: tuple(effects) for name, effects in kept.items()}
 
 

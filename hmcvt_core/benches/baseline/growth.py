@@ -49,7 +49,7 @@ class Growth:
         """Return the growth as a sentence.
 
         Args:
-            diagnosis: of the change; its samples say at which oil temperature.
+            diagnosis: of the change; the oil temperature is that of its samples.
         """
         low, high = self.interval
         sentence = (

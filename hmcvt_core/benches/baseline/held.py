@@ -77,7 +77,7 @@ def min_widths(
 def extrapolation_notes(
     sound: Any, samples: Any, axes: Sequence[str], machine: str
 ) -> list[str]:
-    """Say along which axes samples go beyond those of the baseline.
+    """Return a note for each axis along which samples go beyond those of the baseline.
 
     Args:
         sound: samples of the baseline.

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a diagnosis of a change says of its baseline, and of effects that are the same curve."""
+"""The baseline of a diagnosis of a change, and effects that are the same curve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from ...diagnosis import Diagnosis
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
-from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY
+from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY, INTERVAL_DEVIATIONS
 from ...diagnosis.wording import plain
 from .change import SoundMachine
 from .control import Control, Excess
@@ -244,7 +244,7 @@ class Baseline:
         return [] if growth is None else [growth.in_words(diagnosis)]
 
     def _curve_notes(self, diagnosis: Diagnosis) -> list[str]:
-        """Say which effects are one curve, and what would separate them."""
+        """Return notes on effects that are one curve, and on what would separate them."""
         notes = []
         for cause in diagnosis.causes:
             members = self.same_curves.get(cause.effect, ())
@@ -295,8 +295,8 @@ def _as_member(diagnosis: Diagnosis, cause: Cause, effect: Any) -> Cause:
         if item.is_size:
             entry["standard_error"] = error
             entry["interval"] = [
-                max(value - 1.96 * error, item.low),
-                min(value + 1.96 * error, item.high),
+                max(value - INTERVAL_DEVIATIONS * error, item.low),
+                min(value + INTERVAL_DEVIATIONS * error, item.high),
             ]
             entry["plausible"] = bool(item.low < value < item.high)
         parameters[item.name] = entry

@@ -1,9 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects and leading sets that no verdict names, because their refit contradicts them.
 
-An effect whose interval holds zero is not shown to be present: the set without it says as much.
-A size at its physical bound says that the form only stands for something else. A size of zero, or a
-prediction of samples left out that is worse than without the set, says that the set explains
+An effect whose interval holds zero is not shown to be present: the set without it explains as much.
+A size at its physical bound means that the form only stands for something else. A size of zero, or
+a prediction of samples left out that is worse than without the set, means that the set explains
 nothing. The probability of such a set counts as unlisted.
 """
 
@@ -15,13 +15,9 @@ from typing import Any
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
+from ...diagnosis.statements.verdict import at_bound
 from ...diagnosis.wording import plain
 
-BOUND_FRACTION = 1e-3
-"""Fraction of the range of a size within which it counts as at its bound; chosen.
-
-A refit ends at a bound to about 1e-6 of the range.
-"""
 NEGLIGIBLE_SIZE = 1e-3
 """Typical sizes below which the size of an effect counts as zero; chosen.
 
@@ -202,7 +198,7 @@ def leading_effects(diagnosis: Diagnosis) -> tuple[Any, ...]:
 
 
 def _contradicting_size(effects: Sequence[Any]) -> str | None:
-    """Say which size is zero or at its physical bound, or return None.
+    """Return a clause on a size that is zero or at its physical bound, or None.
 
     Args:
         effects: of the leading set, as fitted.
@@ -210,11 +206,9 @@ def _contradicting_size(effects: Sequence[Any]) -> str | None:
     for effect in effects:
         size = effect.sizes()[0]
         value = effect.values()[size.name]
-        near = BOUND_FRACTION * (size.high - size.low)
         if abs(value) < NEGLIGIBLE_SIZE * abs(size.typical):
             return f"the size of {plain(effect.name)} is zero"
-        at_low = size.low != 0.0 and value < size.low + near
-        if value > size.high - near or at_low:
+        if at_bound(value, size.low, size.high):
             return (
                 f"{plain(effect.name)} is at the bound of its size, {value:.3g} {size.unit}, "
                 "beyond which it is not physical"
@@ -225,8 +219,8 @@ def _contradicting_size(effects: Sequence[Any]) -> str | None:
 def _worsens(diagnosis: Diagnosis, effects: Sequence[Any]) -> bool:
     """Return whether effects make the prediction of samples left out worse.
 
-    The shrinkage is that of the first channel, so it says nothing of effects that leave that
-    channel as it is.
+    The shrinkage is that of the first channel, so that effects which leave that channel as it is do
+    not count.
 
     Args:
         diagnosis: of a unit, or of a change of one.

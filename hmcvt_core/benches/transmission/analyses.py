@@ -14,7 +14,7 @@ from ...diagnosis.observations import SESSION, Observations
 from ...diagnosis.system import Points
 from ...errors import InputError
 from ...files.bench import BenchSamples, read_columns
-from ...files.checks import require_seed
+from ...files.checks import one_holdout, require_seed
 from ...model.checks import require_model_and_samples, require_samples
 from ...model.model import EfficiencyModel
 from ...model.oil import oil_remarks
@@ -68,10 +68,7 @@ def diagnose(
             nothing new, the formulation is another, or the baseline is of another machine or too
             small.
     """
-    if holdout is not None and validation is not None:
-        raise InputError("holdout and validation are one argument: give holdout")
-    if holdout is None:
-        holdout = validation
+    holdout = one_holdout(holdout, validation)
     require_model_and_samples(model, samples, holdout)
     require_seed(seed)
     stages = list(model.stages)
@@ -116,7 +113,7 @@ def next_test(
     possible: BenchSamples | None = None,
     seed: int = 0,
 ) -> Advice:
-    """Choose the test that tells most about what is still open, or say why to stop.
+    """Choose the test of most information on what is still open, or the reason to stop.
 
     Args:
         model: as of `diagnose`.
@@ -165,7 +162,7 @@ def _planned_points(
 
 
 def _warnings(model: EfficiencyModel, samples: BenchSamples) -> list[str]:
-    """Say why the readings may be of another machine.
+    """Return sentences on why the readings may be of another machine.
 
     Raises:
         InputError: a reading has the wrong sign in a whole stage, or as of `stage_of_each`.
@@ -184,7 +181,7 @@ def separable(
     *,
     noise: float | None = None,
 ) -> Isolability:
-    """Say which effects a set of operating points can show and distinguish.
+    """Return which effects a set of operating points can show and distinguish.
 
     Args:
         model: formulation `power_balance`; supplies the base parameters.
@@ -220,7 +217,7 @@ def read_plan(
     Args:
         path: CSV as for `read_bench`; column `efficiency` may be missing and is not used.
         model: supplies the readings.
-        channels: what will be read in addition to the efficiency; a column of that name says so.
+        channels: what will be read in addition to the efficiency; a column of that name counts too.
 
     Raises:
         InputError: as `read_bench` and `stage_of_each`, or the model has no answer at a point.

@@ -97,16 +97,15 @@ def _bumps_of(
     """
     axes = np.stack([points[axis.name][rows] for axis in AXES], axis=1)
     oil = points.get(OIL_TEMPERATURE.name)
-    stroke_of, speed_of, load_of = axes.T
+    stroke, speed, load = axes.T
     temperature = None if oil is None else oil[rows]
-    at = OperatingPoints(stroke_of, speed_of, load_of, temperature)
+    at = OperatingPoints(stroke, speed, load, temperature)
     predicted = model.readings_at(at)["efficiency"]
     target = wanted[rows]
     usable = np.isfinite(predicted) & np.isfinite(target) & (target > 0.0)
     usable &= predicted > 0.0
     if usable.sum() < MIN_BUMPS or rms((target - predicted)[usable]) < NEGLIGIBLE:
         return []
-    load = axes[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         torque = load * (1.0 / target - 1.0 / predicted)
         slope = predicted**2 / load
@@ -115,24 +114,22 @@ def _bumps_of(
     scaled = (axes - low) / width
     known = scaled[usable]
     centres = known[_spread(known, min(most, samples))]
-    best: tuple[float, Array, Array] | None = None
+    fits = []
     for fractions in itertools.product(WIDTHS, repeat=scaled.shape[1]):
         widths = np.array(fractions)
         heights, left = _heights(scaled, centres, widths, torque, slope, usable)
-        if best is None or left < best[0]:
-            best = (left, widths, heights)
-    assert best is not None
-    _, widths, heights = best
+        fits.append((left, widths, heights))
+    _, widths, heights = min(fits, key=lambda fit: fit[0])
     stroke_width, speed_width, load_width = (widths * width).tolist()
     bumps = []
     for centre, height in zip((low + centres * width).tolist(), heights, strict=True):
-        stroke, speed, of_load = centre
+        stroke_of, speed_of, load_of = centre
         bumps.append(
             EmpiricalLoss(
                 torque=float(height),
-                stroke=stroke,
-                speed=speed,
-                load=of_load,
+                stroke=stroke_of,
+                speed=speed_of,
+                load=load_of,
                 stroke_width=stroke_width,
                 speed_width=speed_width,
                 load_width=load_width,

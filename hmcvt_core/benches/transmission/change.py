@@ -161,7 +161,7 @@ def _sound(
 
 
 def _zero_notes(zeros: Mapping[str, float]) -> list[str]:
-    """Say which torque meters had zeros beyond their class in the baseline.
+    """Return a note on torque meters with zeros beyond their class in the baseline.
 
     The efficiency is computed from both torques, so that the zero of one meter appears as opposite
     zeros of both. The larger scale then need not be that of the meter that moved.

@@ -18,7 +18,7 @@ channel that is predicted at the measured stroke then seems to be off by
 the refit and the evidence treat it like any other parameter.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -61,7 +61,7 @@ SESSION_PAUSE = 1800.0
 SESSION_PAUSE_RATIO = 10.0
 """Ratio of that pause to the median time between samples: a slow plan is no pause."""
 MIN_SESSION_SAMPLES = 3
-"""Samples from which a session has errors of its own; fewer cannot tell them from noise."""
+"""Samples from which a session has errors of its own; in fewer they look like noise."""
 LOAD_STEP = 1e-3
 """Step of the derivative by the load, as a part of it."""
 STROKE_STEP = 1e-4
@@ -78,7 +78,7 @@ class Sessions:
         index: session of each sample, from 0, shape (n,).
         count: of sessions.
         phase: time within the session, -1 at its first and 1 at its last sample, shape (n,); zero
-            where nothing tells the order of the samples.
+            where the order of the samples is not known.
         direction: 1 where the torque rose to the sample, -1 where it fell, 0 where unknown, (n,).
         names: of the sessions: their labels, else their numbers from 1.
     """
@@ -90,8 +90,12 @@ class Sessions:
     names: tuple[str, ...] = ("1",)
 
 
+_Column = tuple[SharedError, Array]
+"""An error, and the change of every channel by one deviation of it, shape (channels, n)."""
+
+
 class _Meter(NamedTuple):
-    """What a torque meter does to the readings.
+    """A torque meter, and what it changes.
 
     Attributes:
         name: of the shaft that it sits on.
@@ -103,6 +107,19 @@ class _Meter(NamedTuple):
     range: float
     change: Array
 
+    def column(self, kind: str, part: float, session: str, factor: Array) -> _Column:
+        """Return an error of the meter.
+
+        Args:
+            kind: of the error, in words.
+            part: its standard deviation, as a part of the range.
+            session: name of the session; empty where all readings share the error.
+            factor: of the error at each sample, shape (n,).
+        """
+        name = f"{kind} of the {self.name} meter"
+        error = SharedError(name, session, part * self.range, "N m")
+        return error, factor * part * self.change
+
 
 def sessions_of(samples: BenchSamples) -> Sessions:
     """Return the sessions by column `session`, else by pauses in `stamp`, else one.
@@ -113,29 +130,20 @@ def sessions_of(samples: BenchSamples) -> Sessions:
     n = len(samples)
     labels = samples.extra.get("session")
     stamp = samples.stamp
-    names: tuple[str, ...] = ()
     if labels is not None:
-        texts = ["" if label is None else str(label) for label in labels]
-        distinct, index = np.unique(texts, return_inverse=True)
-        index = index.ravel()
-        names = tuple(distinct.tolist())
+        index, names = _labelled(labels)
     elif stamp is not None:
-        index = _by_pauses(stamp)
+        index = np.minimum(_by_pauses(stamp), MAX_SESSIONS - 1)
+        names = tuple(str(number + 1) for number in range(int(index.max()) + 1))
     else:
         zeros = np.zeros(n)
         return Sessions(np.zeros(n, dtype=np.intp), 1, zeros, zeros)
-    index = np.minimum(index, MAX_SESSIONS - 1)
-    count = int(index.max()) + 1
-    if not names:
-        names = tuple(str(number + 1) for number in range(count))
-    if len(names) > count:
-        names = (*names[: count - 1], f"{names[count - 1]} and others")
     time = np.arange(n, dtype=float) if stamp is None else stamp
     phase = np.zeros(n)
     direction = np.zeros(n)
     # The last digits of a torque that was held are no direction.
     tolerance = TIE_TOLERANCE * float(samples.load_torque.max())
-    for session in range(count):
+    for session in range(len(names)):
         rows = np.flatnonzero(index == session)
         in_order = rows[np.argsort(time[rows], kind="stable")]
         phase[in_order] = _scaled_time(time[in_order])
@@ -143,7 +151,20 @@ def sessions_of(samples: BenchSamples) -> Sessions:
             steps = np.diff(samples.load_torque[in_order])
             is_step = np.abs(steps) > tolerance
             direction[in_order[1:]] = np.where(is_step, np.sign(steps), 0.0)
-    return Sessions(index, count, phase, direction, names)
+    return Sessions(index, len(names), phase, direction, names)
+
+
+def _labelled(
+    labels: Sequence[object],
+) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+    """Number the sessions by their labels, shape (n,), and return their names."""
+    texts = ["" if label is None else str(label) for label in labels]
+    distinct, index = np.unique(texts, return_inverse=True)
+    names = tuple(distinct.tolist())
+    last = MAX_SESSIONS - 1
+    if len(names) > MAX_SESSIONS:
+        names = (*names[:last], f"{names[last]} and others")
+    return np.minimum(index.ravel(), last), names
 
 
 def _by_pauses(stamp: Array) -> NDArray[np.intp]:
@@ -174,7 +195,7 @@ def with_meter_errors(observed: Observations, system: System) -> Observations:
 
     Args:
         observed: of bench samples.
-        system: the transmission; its prediction says what a wrong load does to each channel.
+        system: the transmission; its prediction gives what a wrong load does to each channel.
     """
     before_any_fit = _with_errors_at(observed, system, system.base.mean)
     return _with_errors_at(observed, system, _fitted_base(before_any_fit, system))
@@ -211,48 +232,61 @@ def _with_errors_at(
     meters = _meters(observed, readings["efficiency"], speed_ratio, slopes)
     gauges = _changes_by_gauges(observed, readings)
     gauges += _changes_by_stroke_sensor(observed, stroke_slopes)
-    errors = []
-    columns = []
+    columns: list[_Column] = []
     number = np.full(len(observed), -1.0)
     for session in range(sessions.count):
         inside = sessions.index == session
-        if inside.sum() < MIN_SESSION_SAMPLES:
-            continue
-        number[inside] = session
-        name = sessions.names[session]
-        for meter in meters:
-            errors.append(_error_of("zero", meter, ZERO_DEVIATION, name))
-            columns.append(inside * ZERO_DEVIATION * meter.change)
-        for error, change in gauges:
-            errors.append(SharedError(error.words, name, error.deviation, error.unit))
-            columns.append(inside * error.deviation * change)
-        of_time = inside * sessions.phase
-        for meter in meters:
-            errors.append(_error_of("half the drift", meter, DRIFT_DEVIATION, name))
-            columns.append(of_time * DRIFT_DEVIATION * meter.change)
+        if inside.sum() >= MIN_SESSION_SAMPLES:
+            number[inside] = session
+            columns += _columns_of_session(sessions, session, meters, gauges)
     for meter in meters:
-        errors.append(_error_of("half the hysteresis", meter, HYSTERESIS_DEVIATION, ""))
-        columns.append(sessions.direction * HYSTERESIS_DEVIATION * meter.change)
-    present = [i for i, column in enumerate(columns) if column.any()]
+        columns.append(
+            meter.column(
+                "half the hysteresis", HYSTERESIS_DEVIATION, "", sessions.direction
+            )
+        )
+    present = [(error, column) for error, column in columns if column.any()]
     points = observed.points
     if sessions.count > 1:
         points = {**points, SESSION: number}
     shared_errors = None
     if present:
-        shared_errors = np.stack([columns[i] for i in present], axis=-1)
+        shared_errors = np.stack([column for _, column in present], axis=-1)
     return replace(
         observed,
         points=points,
         deviation=_with_load_noise(observed, slopes),
         shared_errors=shared_errors,
-        shared_names=tuple(errors[i] for i in present),
+        shared_names=tuple(error for error, _ in present),
     )
 
 
-def _error_of(kind: str, meter: _Meter, part: float, session: str) -> SharedError:
-    """Describe an error of a meter whose prior deviation is a part of its range."""
-    name = f"{kind} of the {meter.name} meter"
-    return SharedError(name, session, part * meter.range, "N m")
+def _columns_of_session(
+    sessions: Sessions,
+    session: int,
+    meters: Sequence[_Meter],
+    gauges: Sequence[tuple[GaugeError, Array]],
+) -> list[_Column]:
+    """Return the errors that the readings of one session share.
+
+    Args:
+        sessions: of the campaign.
+        session: number of the one.
+        meters: of the torques.
+        gauges: errors of the others, and the change of every channel by an error of 1.
+    """
+    inside = sessions.index == session
+    name = sessions.names[session]
+    columns = []
+    for meter in meters:
+        columns.append(meter.column("zero", ZERO_DEVIATION, name, inside))
+    for error, change in gauges:
+        shared = SharedError(error.words, name, error.deviation, error.unit)
+        columns.append((shared, inside * error.deviation * change))
+    of_time = inside * sessions.phase
+    for meter in meters:
+        columns.append(meter.column("half the drift", DRIFT_DEVIATION, name, of_time))
+    return columns
 
 
 def _with_load_noise(observed: Observations, slopes: Array) -> Array:

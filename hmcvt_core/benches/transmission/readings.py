@@ -20,7 +20,8 @@ from .channels import AXES, CHANNELS, EFFICIENCY_CHANNEL, OIL_TEMPERATURE, STAGE
 
 MIN_DEVIATION = 1e-5
 """Smallest standard deviation of an efficiency that is believed [-]: meters resolve no less."""
-_ASSUMED_NOISE = "assumed, 1.12 % (paper, eq. (3))"
+ASSUMED_NOISE = "assumed, 1.12 % (paper, eq. (3))"
+"""Source of a noise that nothing states."""
 
 
 def observe(
@@ -72,7 +73,7 @@ def observe(
         prior_dof=np.array(prior_dof),
         samples=samples,
         number=np.arange(len(samples)),
-        noise_source=source or _ASSUMED_NOISE,
+        noise_source=source or ASSUMED_NOISE,
         assumed=source is None,
     )
 
@@ -99,7 +100,7 @@ def distinct_observations(
 ) -> tuple[Observations, list[str]]:
     """Observe samples without rows that copy another one.
 
-    A copy says nothing about the noise, unlike readings repeated at one point.
+    A copy does not show the noise, unlike readings repeated at one point.
 
     Args:
         samples: bench samples.

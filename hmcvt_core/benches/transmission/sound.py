@@ -173,7 +173,7 @@ class SoundTransmission(HeldMachine):
         return np.asarray(answered & np.isfinite(slopes).all(axis=(0, 2)))
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
-        """Say what missing columns cost."""
+        """Return notes on what missing columns cost."""
         return self.system.remarks(samples)
 
     def _base_prediction(self, points: Points) -> Array:

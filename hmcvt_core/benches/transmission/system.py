@@ -247,7 +247,7 @@ class Transmission:
         return unrecorded(self, base, points)
 
     def remarks(self, samples: BenchSamples) -> tuple[str, ...]:
-        """Say what missing columns cost."""
+        """Return notes on what missing columns cost."""
         return tuple(
             f"without column {column.name}, {column.missing}"
             for column in ranges.BENCH_COLUMNS

@@ -22,7 +22,7 @@ from ..baseline import (
     judge_control,
 )
 from ..transmission.channels import OIL_TEMPERATURE
-from .samples import TELLING, UnitSamples
+from .samples import MIN_TORQUE_PRESSURE, UnitSamples
 from .sound import (
     ChangedUnit,
     SoundUnit,
@@ -151,25 +151,21 @@ def diagnose_change(
         InputError: the baseline is of another unit, has too few samples, or shares no reading with
             the samples; or as `diagnose_system`.
     """
-    _check_unit(samples, baseline)
-    if holdout is not None:
-        _check_unit(holdout, baseline)
     tables = [samples, baseline]
     if holdout is not None:
         tables.append(holdout)
+    for table in tables:
+        _check_unit(table, baseline)
     channels = _common_channels(tables)
     notes: list[str] = []
     tables = _with_common_temperature(tables, notes)
     if "torque_loss" in channels:
-        tables = [table.select(table.pressure >= TELLING) for table in tables]
-    samples, baseline = tables[:2]
-    if holdout is not None:
-        holdout = tables[2]
-    if len(samples) < FEWEST_CHANGED:
-        raise InputError(
-            f"{samples.source}: {len(samples)} samples are too few to show a change; at least "
-            f"{FEWEST_CHANGED} are needed"
-        )
+        tables = [
+            table.select(table.pressure >= MIN_TORQUE_PRESSURE) for table in tables
+        ]
+    samples, baseline, *held_out_samples = tables
+    holdout = held_out_samples[0] if held_out_samples else None
+    _check_count(samples)
     _check_sound(baseline)
     if progress is not None:
         progress("the sound unit")
@@ -214,6 +210,15 @@ def _check_unit(samples: UnitSamples, baseline: UnitSamples) -> None:
             f"{baseline.source}: the baseline has a displacement of "
             f"{_in_cm3(baseline):.4g} cm3, {samples.source} has {_in_cm3(samples):.4g} cm3: "
             "it is another machine"
+        )
+
+
+def _check_count(samples: UnitSamples) -> None:
+    """Refuse samples that are too few to show a change."""
+    if len(samples) < FEWEST_CHANGED:
+        raise InputError(
+            f"{samples.source}: {len(samples)} samples are too few to show a change; at least "
+            f"{FEWEST_CHANGED} are needed"
         )
 
 

@@ -15,10 +15,10 @@ from ...diagnosis.results.outcome import NAMING
 from ...diagnosis.system import Channel
 from ...errors import InputError
 from ...files import preformatted
-from ...files.checks import require_seed
+from ...files.checks import one_holdout, require_seed
 from ..baseline import leading_effects, refuse_contradicted
 from .change import UnitChange, diagnose_change
-from .samples import TELLING, UnitSamples
+from .samples import MIN_TORQUE_PRESSURE, UnitSamples
 from .served import ServedUnit, paper_terms, served_unit
 from .system import (
     FRICTION,
@@ -85,9 +85,7 @@ class UnitDiagnosis:
             ("holdout_", self.holdout),
         ):
             for name, model in models.items():
-                flow = torque = None
-                if samples is not None:
-                    flow, torque = model.rmse(samples)
+                flow, torque = (None, None) if samples is None else model.rmse(samples)
                 errors["flow"][prefix + name] = flow
                 errors["torque"][prefix + name] = torque
         return errors
@@ -221,10 +219,7 @@ def diagnose_unit(
     Raises:
         InputError: as `diagnose_system` and `diagnose_change`, or the holdout is of another unit.
     """
-    if holdout is not None and validation is not None:
-        raise InputError("holdout and validation are one argument: give holdout")
-    if holdout is None:
-        holdout = validation
+    holdout = one_holdout(holdout, validation)
     require_seed(seed)
     if baseline is not None:
         return diagnose_change(samples, baseline, holdout, seed=seed, progress=progress)
@@ -257,7 +252,7 @@ def diagnose_unit(
         leading = diagnosis.sets[0].effects
         if diagnosis.verdict in NAMING and deals:
             twins = diagnosis.twins_of(leading)
-            same = _deals_led_by(twins, system, observed, seed, progress)
+            same = _folds_led_by(twins, system, observed, seed, progress)
         diagnosis = replace(diagnosis, verdict=_verdict(diagnosis, same, doubt))
         if doubt is None and REFERENCE_DISPLACEMENT in leading:
             doubt = _displacement_error(model)
@@ -315,12 +310,12 @@ def _with_torque(samples: UnitSamples) -> tuple[UnitSamples, list[str]]:
     """Leave out samples at pressures too low for a mechanical efficiency to give a torque."""
     if samples.torque_loss is None:
         return samples, []
-    enough = samples.pressure >= TELLING
+    enough = samples.pressure >= MIN_TORQUE_PRESSURE
     low = int(np.sum(~enough))
     notes = []
     if low:
         notes.append(
-            f"{low} samples below {TELLING:g} Pa give no torque and were left out"
+            f"{low} samples below {MIN_TORQUE_PRESSURE:g} Pa give no torque and were left out"
         )
     return samples.select(enough), notes
 
@@ -337,10 +332,9 @@ def _verdict(diagnosis: Diagnosis, same: int | None, doubt: str | None) -> str:
 
 
 def _displacement_error(model: UnitModel) -> str:
-    """Say by how much the losses contradict the displacement stated."""
-    for effect in model.effects:
-        if effect.name == REFERENCE_DISPLACEMENT:
-            excess = effect.values()["excess"]
+    """Return a clause on how much the losses contradict the displacement stated."""
+    effects = {effect.name: effect for effect in model.effects}
+    excess = effects[REFERENCE_DISPLACEMENT].values()["excess"]
     return f"the displacement stated is {100.0 * excess:+.1f} % off by the losses"
 
 
@@ -355,7 +349,7 @@ def _with_doubt(diagnosis: Diagnosis, doubt: str | None) -> Diagnosis:
     return replace(diagnosis, notes=(doubt, *notes), warnings=(doubt,))
 
 
-def _deals_led_by(
+def _folds_led_by(
     sets: Collection[tuple[str, ...]],
     system: HydrostaticUnit,
     observed: Observations,
@@ -381,7 +375,7 @@ def _deals_led_by(
 
 
 def _displacement_doubt(samples: UnitSamples) -> str | None:
-    """Say that less torque is lost at high pressure than the paper's friction alone takes.
+    """Return a clause where less torque is lost than the paper's friction alone takes, or None.
 
     A displacement stated too large makes it so; errors of a class A torque meter are allowed for.
     """

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...model.measured_unit import KINDS as KINDS
 from ...transmission.ranges import Array
-
-KINDS = ("pump", "motor")
-"""Kinds of hydrostatic units."""
 
 METER_DEVIATION = 0.0034
 """Standard deviation of a flow or torque against the ideal one, as a part, where none is stated.
@@ -26,7 +24,7 @@ LOSSES = ("flow_loss", "torque_loss")
 """The two losses that a bench for units measures."""
 READ_CHANNELS = ("flow_loss", "torque_loss", "drain_flow", "electric_power")
 """Quantities that a bench may read, the one in which a gap is measured first."""
-TELLING = 1e5
+MIN_TORQUE_PRESSURE = 1e5
 """Pressure below which a mechanical efficiency determines no torque [Pa]."""
 
 
@@ -130,14 +128,12 @@ class UnitSamples:
 
     def select(self, index: NDArray[Any]) -> UnitSamples:
         """Return the samples at an index array or mask, in that order."""
-        return replace(
-            self,
-            **{
-                item.name: value[index]
-                for item in fields(self)
-                if isinstance(value := getattr(self, item.name), np.ndarray)
-            },
-        )
+        chosen: dict[str, Any] = {}
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.ndarray):
+                chosen[item.name] = value[index]
+        return replace(self, **chosen)
 
     def divided(self, axis: str, part: float) -> tuple[UnitSamples, UnitSamples]:
         """Return the samples up to a part of the highest value along an axis, and those above.
@@ -145,8 +141,12 @@ class UnitSamples:
         Raises:
             InputError: none lies above, or none that determines a torque below.
         """
-        above = (values := getattr(self, axis)) > part * values.max()
-        if not above.any() or self.pressure[~above].max(initial=0.0) < TELLING:
+        values = getattr(self, axis)
+        above = values > part * values.max()
+        if (
+            not above.any()
+            or self.pressure[~above].max(initial=0.0) < MIN_TORQUE_PRESSURE
+        ):
             raise InputError(
                 f"{self.source}: {part:g} of the highest {axis} parts no samples"
             )

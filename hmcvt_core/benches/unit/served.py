@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...diagnosis.analysis import rms
 from ...diagnosis.fitting.hypothesis import Hypothesis
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.settings import CONVERGED_STEP
@@ -26,12 +27,12 @@ from .samples import UnitSamples
 from .sound import ChangedUnit, fit_sound_unit
 from .system import (
     FRICTION,
-    LOSSES,
     PRESSURE,
     SPEED,
     STROKE,
     HydrostaticUnit,
     UnitModel,
+    loss_errors,
     observe_unit,
 )
 
@@ -139,18 +140,10 @@ class ServedUnit:
 
     def rmse(self, samples: UnitSamples) -> list[float | None]:
         """Return the root mean square error of both losses [m3/s], [N m]; None where not read."""
-        predicted = self.predict(samples)
-        errors: list[float | None] = []
-        for name in LOSSES:
-            measured = getattr(samples, name)
-            if measured is None or name not in predicted:
-                errors.append(None)
-            else:
-                errors.append(_rms(measured - predicted[name]))
-        return errors
+        return loss_errors(self.predict(samples), samples)
 
     def notes(self) -> list[str]:
-        """Say where the terms of the paper are kept, and where effects predict worse than they."""
+        """Return notes on where the terms of the paper are kept, or predict better than effects."""
         notes = []
         for channel in self.bands[0].models:
             kept = [band for band in self.bands if band.models[channel]["base"] == 1.0]
@@ -320,6 +313,40 @@ def _weights(
         side: end of the axis, empty for `inside`.
         parts: indices of the samples that are left out, one part at a time.
     """
+    predicted = _left_out_predictions(system, samples, effects, parts)
+    order = np.concatenate(parts)
+    weights = {}
+    errors = {}
+    for channel in (item.name for item in system.channels):
+        measured = getattr(samples, channel)[order]
+        of_models = predicted[channel]
+        weights[channel] = _stacked(of_models, measured)
+        errors[channel] = {
+            name: rms(measured - values) for name, values in of_models.items()
+        }
+        mixture = sum(weights[channel][name] * of_models[name] for name in of_models)
+        errors[channel]["served"] = rms(measured - mixture)
+        if errors[channel]["served"] > GATE * errors[channel]["base"]:
+            weights[channel] = {name: float(name == "base") for name in of_models}
+            errors[channel]["served"] = errors[channel]["base"]
+    if band == INSIDE:
+        return Weights(band, side, 0.0, 0.0, weights, errors)
+    values = getattr(samples, band)
+    outermost = np.max if side == HIGH else np.min
+    start = float(outermost(np.delete(values, order)))
+    return Weights(band, side, start, float(outermost(values)), weights, errors)
+
+
+def _left_out_predictions(
+    system: HydrostaticUnit,
+    samples: UnitSamples,
+    effects: Sequence[Any],
+    parts: Sequence[NDArray[np.intp]],
+) -> dict[str, dict[str, Array]]:
+    """Return predictions of samples left out, by channel and model, one part after another.
+
+    Arguments as of `_weights`.
+    """
     every_row = np.arange(len(samples))
     predicted: dict[str, dict[str, list[Array]]] = {}
     for rows in parts:
@@ -328,32 +355,12 @@ def _weights(
         for name, model in _fitted(system, fitted, effects).items():
             for channel, values in model.predict(left_out).items():
                 predicted.setdefault(channel, {}).setdefault(name, []).append(values)
-    order = np.concatenate(parts)
-    weights = {}
-    errors = {}
-    for channel in (item.name for item in system.channels):
-        measured = getattr(samples, channel)[order]
-        rows_of = {
-            name: np.concatenate(values) for name, values in predicted[channel].items()
+    joined = {}
+    for channel, of_models in predicted.items():
+        joined[channel] = {
+            name: np.concatenate(values) for name, values in of_models.items()
         }
-        weights[channel] = _stacked(rows_of, measured)
-        errors[channel] = {
-            name: _rms(measured - values) for name, values in rows_of.items()
-        }
-        mixture = sum(weights[channel][name] * rows_of[name] for name in rows_of)
-        errors[channel]["served"] = _rms(measured - mixture)
-        if errors[channel]["served"] > GATE * errors[channel]["base"]:
-            weights[channel] = {name: float(name == "base") for name in rows_of}
-            errors[channel]["served"] = errors[channel]["base"]
-    if band == INSIDE:
-        return Weights(band, side, 0.0, 0.0, weights, errors)
-    values = getattr(samples, band)
-    kept = np.delete(values, order)
-    if side == HIGH:
-        start, end = float(kept.max()), float(values.max())
-    else:
-        start, end = float(kept.min()), float(values.min())
-    return Weights(band, side, start, end, weights, errors)
+    return joined
 
 
 def _stacked(predicted: Mapping[str, Array], measured: Array) -> dict[str, float]:
@@ -372,10 +379,6 @@ def _stacked(predicted: Mapping[str, Array], measured: Array) -> dict[str, float
     solution, _ = nnls(columns, target)
     weights = solution / solution.sum()
     return dict(zip(predicted, weights.tolist(), strict=True))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def paper_terms(system: HydrostaticUnit, samples: UnitSamples) -> UnitModel:

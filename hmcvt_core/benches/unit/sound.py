@@ -326,9 +326,8 @@ class SoundUnit(HeldMachine):
         """Return by how much more flow is lost, if a cause is a leak."""
         if self.channels[0].name != "flow_loss":
             return None
-        (effect,) = [
-            item for item in cause.model.effects if item.name == cause.effect
-        ] or [None]
+        effects = (item for item in cause.model.effects if item.name == cause.effect)
+        effect = next(effects, None)
         if effect is None:
             return None
         points = points_of(samples)
@@ -348,7 +347,7 @@ class SoundUnit(HeldMachine):
         return Growth.of("flow loss", lost, before, error / before)
 
     def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
-        """Say what a missing column costs."""
+        """Return notes on what missing columns cost."""
         notes = []
         if self.samples.oil_temperature is None:
             notes.append(

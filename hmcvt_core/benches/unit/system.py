@@ -13,13 +13,14 @@ pair.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...diagnosis.analysis import rms
 from ...diagnosis.observations import Observations
 from ...diagnosis.settings import PRIOR_DOF_ASSUMED, PRIOR_DOF_STATED
 from ...diagnosis.system import (
@@ -36,7 +37,7 @@ from ...physics.effects.base import Effect, ShaftState, Value
 from ...physics.effects.hydraulic import CoulombStribeckFull, PressureFrictionStroke
 from ...transmission.parameters import PARAMETER_NAMES, PRIOR_MEAN, PRIOR_SPREAD
 from ..transmission.channels import DISPLACEMENT_RATIO, ENGINE_SPEED, OIL_TEMPERATURE
-from .samples import METER_DEVIATION, UnitSamples, sign_of
+from .samples import LOSSES, METER_DEVIATION, UnitSamples, sign_of
 
 STROKE = DISPLACEMENT_RATIO
 SPEED = replace(ENGINE_SPEED, name="speed", word="speed")
@@ -57,8 +58,6 @@ PARAMETERS = {"leakage": "m3/(s Pa)", "damping": "N m s/rad"}
 BASE_NAMES = (*PARAMETERS, "friction", "flow_gain", "torque_gain")
 """Base parameters of a unit; the two gains are errors of the meters."""
 
-LOSSES = ("flow_loss", "torque_loss")
-"""Channels of the loss terms of the paper."""
 CHANNEL_UNITS = {
     "flow_loss": ("L/min", 6e4),
     "torque_loss": ("N m", 1.0),
@@ -257,7 +256,7 @@ class HydrostaticUnit:
         return UnitModel(self, limited, added, friction, covariance)
 
     def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
-        """Say what a missing column costs."""
+        """Return notes on what a missing column costs."""
         if samples.oil_temperature is not None:
             return ()
         return ("without column oil_temperature, viscosity cannot be judged",)
@@ -297,14 +296,26 @@ class UnitModel:
 
     def rmse(self, samples: UnitSamples) -> list[float | None]:
         """Return the root mean square error of both losses [m3/s], [N m]; None where not read."""
-        errors: list[float | None] = []
-        for name, predicted in zip(LOSSES, self.losses(samples), strict=True):
-            measured = getattr(samples, name)
-            if measured is None:
-                errors.append(None)
-            else:
-                errors.append(float(np.sqrt(np.mean((measured - predicted) ** 2))))
-        return errors
+        return loss_errors(self.predict(samples), samples)
+
+
+def loss_errors(
+    predicted: Mapping[str, Array], samples: UnitSamples
+) -> list[float | None]:
+    """Return the root mean square error of both losses [m3/s], [N m]; None where not read.
+
+    Args:
+        predicted: losses by channel at the points of the samples, shape (n,) each.
+        samples: that are read.
+    """
+    errors: list[float | None] = []
+    for name in LOSSES:
+        measured = getattr(samples, name)
+        if measured is None or name not in predicted:
+            errors.append(None)
+        else:
+            errors.append(rms(measured - predicted[name]))
+    return errors
 
 
 def shaft_state(unit: HydrostaticUnit, points: Points, viscosity: Array) -> ShaftState:

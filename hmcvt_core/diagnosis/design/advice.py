@@ -65,7 +65,7 @@ class NextTest:
         point: values by the name of the axis; None when no operating point helps.
         separates: the two explanations that it distinguishes best, in words.
         gain: information expected of its readings on which explanation is correct [nats]. Of a
-            measurement outside the plan that of telling the two apart for sure.
+            measurement outside the plan that of distinguishing the two for sure.
         measure: a calibration or measurement outside the plan, or None.
         setting: label along each axis that has labels.
         repeats: how many readings to take at this point.
@@ -199,7 +199,7 @@ class Advice:
 
 
 def _information_of_two(one: float, other: float) -> float:
-    """Return the information that tells two conclusions apart for sure [nats].
+    """Return the information that distinguishes two conclusions for sure [nats].
 
     Args:
         one: probability of the first.

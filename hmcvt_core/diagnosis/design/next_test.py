@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -257,15 +257,15 @@ class _Design:
     def choose(self, labels: Sequence[Label]) -> tuple[NextTest, ...]:
         """Choose the tests of largest gain one after another, updating after each (greedy).
 
-        A neighbour of a test chosen before that tells nothing new repeats that test. Tests that
-        tell too little are left out: a first reading may only prepare what its repeats tell.
+        A neighbour of a test chosen before that adds no information repeats that test. Tests of
+        too little information are left out: a first reading may only prepare that of its repeats.
         """
         predictions = self.predictions
         chosen: dict[int, NextTest] = {}
         for _ in range(DESIGN_TESTS):
             distance = _distances(predictions)
             gains = self._expected_information(distance)
-            # The first of those that only rounding tells apart.
+            # The first of those that only rounding distinguishes.
             largest = int(np.argmax(gains >= (1.0 - TIE_TOLERANCE) * gains.max()))
             best = self._repeated(largest, gains, chosen)
             if best in chosen:
@@ -300,29 +300,25 @@ class _Design:
         """
         for index in chosen:
             does_as_well = gains[index] >= NOTHING_NEW_FRACTION * gains[best]
-            if self._are_equal(index, best):
+            if self._are_close(index, best, _reach_of_repeat):
                 return index
-            if does_as_well and self._are_neighbours(index, best):
+            if does_as_well and self._are_close(index, best, _reach_of_neighbour):
                 return index
         return best
 
-    def _are_equal(self, one: int, other: int) -> bool:
-        """Whether a bench cannot set two tests apart."""
-        for axis in self.axes:
-            row = self.points[axis.name]
-            tolerance = max(axis.tolerance, REPLICATE_TOLERANCE * float(np.ptp(row)))
-            if abs(row[one] - row[other]) > tolerance:
-                return False
-        return True
+    def _are_close(
+        self, one: int, other: int, reach: Callable[[Axis, float], float]
+    ) -> bool:
+        """Whether two tests lie within a reach along every axis.
 
-    def _are_neighbours(self, one: int, other: int) -> bool:
-        """Whether two tests lie close along every axis, with the same labels."""
+        Args:
+            one: index of a test.
+            other: index of another.
+            reach: of an axis, from the range of the tests along it.
+        """
         for axis in self.axes:
             row = self.points[axis.name]
-            reach = SAME_TEST_FRACTION * float(np.ptp(row)) + axis.tolerance
-            if axis.labels:
-                reach = 0.0
-            if abs(row[one] - row[other]) > reach:
+            if abs(row[one] - row[other]) > reach(axis, float(np.ptp(row))):
                 return False
         return True
 
@@ -350,6 +346,18 @@ class _Design:
             if axis.labels:
                 setting[axis.name] = axis.labels[int(value)]
         return NextTest(point, separates, gain, setting=setting)
+
+
+def _reach_of_repeat(axis: Axis, extent: float) -> float:
+    """Return the difference along an axis up to which a bench cannot set two tests apart."""
+    return max(axis.tolerance, REPLICATE_TOLERANCE * extent)
+
+
+def _reach_of_neighbour(axis: Axis, extent: float) -> float:
+    """Return the difference along an axis up to which tests are neighbours; none of labels."""
+    if axis.labels:
+        return 0.0
+    return SAME_TEST_FRACTION * extent + axis.tolerance
 
 
 def _restricted(
@@ -407,13 +415,13 @@ def candidates_of(posterior: Posterior) -> list[Candidate]:
     gathered: dict[Label, Candidate] = {}
     with_gap = 1.0 - posterior.no_gap
     for explanation, probability in posterior.entries:
-        part = explanation.explained_fraction(posterior.base_only)
+        fraction = explanation.explained_fraction(posterior.base_only)
         rest = NO_GAP if explanation.is_base_discrepancy else UNLISTED
         listed = Label(Kind.LISTED, explanation.names)
-        if part:
-            _gather(gathered, listed, explanation, with_gap * part * probability)
-        if 1.0 - part:
-            _gather(gathered, rest, explanation, with_gap * (1.0 - part) * probability)
+        for label, of_label in ((listed, fraction), (rest, 1.0 - fraction)):
+            if of_label:
+                total = with_gap * of_label * probability
+                _gather(gathered, label, explanation, total)
     base_off = gathered.pop(NO_GAP, None)
     ranked = sorted(gathered.values(), key=lambda item: -item.probability)
     relevant = [item for item in ranked if item.probability >= RELEVANT_PROBABILITY]
@@ -439,7 +447,7 @@ def _gather(
 
 
 def _fits(explanation: Explanation, label: Label) -> bool:
-    """Whether an explanation has an unlisted loss or none, as its label says."""
+    """Whether an explanation has an unlisted loss or none, as its label has."""
     return explanation.is_listed_set == (label.kind is Kind.LISTED)
 
 

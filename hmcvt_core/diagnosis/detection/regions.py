@@ -269,24 +269,36 @@ def _choices(box: Box, coordinates: Array, settings: Settings) -> list[list[Box]
     choices = []
     for axis, values in enumerate(coordinates):
         elsewhere = np.all(np.delete(inside, axis, axis=0), axis=0) & of_setting
-        of_axis = []
-        edges = _edges(values, BAND_EDGES)
-        for low, high in itertools.combinations(edges.tolist(), 2):
-            limits = box.limits.copy()
-            limits[axis] = (low, high)
-            members = elsewhere & (values >= low) & (values <= high)
-            of_axis.append(Box(limits, members, box.setting))
-        if of_axis:
-            choices.append(of_axis)
-    along_axes = np.all(inside, axis=0)
-    if len(settings.names):
+        choices.append(_along_axis(box, axis, values, elsewhere))
+    if settings.names:
+        along_axes = np.all(inside, axis=0)
         of_settings = [Box(box.limits, along_axes)]
         for members, (name, label) in zip(
             settings.members, settings.names, strict=True
         ):
             of_settings.append(Box(box.limits, along_axes & members, {name: label}))
         choices.append(of_settings)
-    return choices
+    return [boxes for boxes in choices if boxes]
+
+
+def _along_axis(
+    box: Box, axis: int, values: Array, elsewhere: NDArray[np.bool_]
+) -> list[Box]:
+    """Return boxes that differ from one along an axis.
+
+    Args:
+        box: the one.
+        axis: index of the axis.
+        values: of the samples along it, shape (n,).
+        elsewhere: which samples are inside along the other axes, shape (n,).
+    """
+    boxes = []
+    for low, high in itertools.combinations(_edges(values, BAND_EDGES).tolist(), 2):
+        limits = box.limits.copy()
+        limits[axis] = (low, high)
+        members = elsewhere & (values >= low) & (values <= high)
+        boxes.append(Box(limits, members, box.setting))
+    return boxes
 
 
 def covering(

@@ -45,7 +45,7 @@ def parameters_far_off(fit: Fit) -> dict[str, float]:
 
 
 def noise_notes(analysis: Analysis) -> tuple[str, ...]:
-    """Say that the noise differs from the statement, or what a statement would change."""
+    """Return notes on noise unlike its statement, or on what a statement would change."""
     return (*_of_first_channel(analysis), *_of_further_channels(analysis))
 
 
@@ -88,7 +88,7 @@ def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
         return ()
     if not observed.assumed:
         if ratio > 1.0:
-            return ()  # `statements.scatter` says so
+            return ()  # a note of `statements.scatter`
         return (
             f"the noise looks {ratio:.2f} times the one stated ({observed.noise_source}): check "
             "the statement",
@@ -103,7 +103,7 @@ def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _significance_if_stated(analysis: Analysis) -> str:
-    """Say which p value the assumed noise would give if it were stated."""
+    """Return a note on the p value that the assumed noise would give if it were stated."""
     observed = analysis.base.observed
     channel = observed.channels[0]
     noise = float(f"{observed.stated_noise:.2g}")

@@ -288,7 +288,7 @@ class Outcome:
         gap: size and significance of the gap.
         where: regions in which the bench differs from the refitted base model.
         verdict: `no_gap`, `excess_scatter`, `cause_found`, `class_found`, `other_form`,
-            `ambiguous` or `unexplained`; `statements.verdict` says when which.
+            `ambiguous` or `unexplained`; `statements.verdict` has the rule of each.
         causes: effects that may be present, those of the leading set first.
         sets: sets of effects, most probable first.
         classes: effects that no test distinguishes, most probable class first.

@@ -56,11 +56,15 @@ def mechanic(outcome: Outcome) -> str:
             f"{statement}, in a form that is not in the library or with another loss."
         )
     remedies = outcome.advice.measure or outcome.named.remedy
-    first_remedy = remedies.split("; or ")[0]
-    for remedy in (first_remedy, first_remedy.split(";")[0]):
-        with_remedy = f"{statement}: {remedy}."
-        if remedy and len(with_remedy.split()) <= LONGEST_HEADLINE:
-            return with_remedy
+    return _with_remedy(statement, remedies.split("; or ")[0])
+
+
+def _with_remedy(statement: str, remedy: str) -> str:
+    """Return a sentence with a remedy, or the first clause of it, as far as there is room."""
+    for clause in (remedy, remedy.split(";")[0]):
+        sentence = f"{statement}: {clause}."
+        if clause and len(sentence.split()) <= LONGEST_HEADLINE:
+            return sentence
     return f"{statement}."
 
 
@@ -73,14 +77,14 @@ def _no_gap_headline(outcome: Outcome) -> str:
         )
     far_off = meters_far_off(outcome.posterior.base_only)
     if far_off:
-        name = max(far_off, key=lambda name: far_off[name])
+        name = max(far_off, key=far_off.__getitem__)
         return (
             f"The {plain(name)} scatters {far_off[name]:.2g} times as much as its meter should: "
             "check that meter."
         )
     moved = parameters_far_off(outcome.posterior.base_only.fit)
     if moved:
-        name = max(moved, key=lambda name: moved[name])
+        name = max(moved, key=moved.__getitem__)
         return (
             f"Bench and model agree, but only with {plain(name)} {moved[name]:.2g} standard "
             "deviations from what was expected: check it."
@@ -137,7 +141,7 @@ def _at_largest_gap(outcome: Outcome) -> str:
 
 
 def _cost(outcome: Outcome) -> str:
-    """Say what the named members cost; nothing where that is not known."""
+    """Return what the named members cost; nothing where that is not known."""
     named = outcome.named
     if named is not None and named.component == "sensor":
         # A class may hold a meter and a loss that no test distinguishes from it.
@@ -257,7 +261,7 @@ def _times(look: Look) -> str:
 
 
 def _difference(outcome: Outcome) -> str:
-    """Say how far bench and model differ, and where most."""
+    """Return how far bench and model differ, and where most."""
     size = amount(outcome, outcome.shrinkage.before)
     beyond = f"Bench and model differ by {size} beyond the noise"
     region = outcome.significant_region
@@ -308,7 +312,7 @@ def _part_of_range(axis: Axis, region: Region, outcome: Outcome) -> str:
 
 
 def _explanation(outcome: Outcome) -> str:
-    """Say which sets explain the gap, or which members do while their company is open."""
+    """Return the sets that explain the gap, or the members while their company is open."""
     class_sets = outcome.class_sets
     leading = class_sets[0]
     if outcome.verdict == "other_form":
@@ -348,13 +352,13 @@ def _with_probability(member: Member) -> str:
 
 
 def _classes(outcome: Outcome) -> list[str]:
-    """Say which effects of the leading set no test distinguishes from others."""
+    """Return sentences on effects of the leading set that no test distinguishes from others."""
     leading = outcome.class_sets[0].alternatives
     return [item.sentence for item in outcome.classes if item.members in leading]
 
 
 def _removed(outcome: Outcome) -> str:
-    """Say how far the gap shrinks with the model that is handed over."""
+    """Return how far the gap shrinks with the model that is handed over."""
     shrinkage = outcome.shrinkage
     if shrinkage.fraction is None:
         return "These samples do not show how far the gap would shrink."

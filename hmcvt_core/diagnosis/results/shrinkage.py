@@ -318,7 +318,7 @@ class Holdout:
         )
 
     def _notes(self, refused: Fold) -> tuple[str, ...]:
-        """Say which samples do not count."""
+        """Return a note on samples that do not count."""
         if not len(refused):
             return ()
         held_out = self.held_out

@@ -59,8 +59,8 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
     fit = explanation.served_fit
     index = [effect.name for effect in fit.effects].index(name)
     effect = fit.effects[index]
-    errors = np.sqrt(np.diagonal(explanation.parameter_covariance))
-    size_error = float(errors[fit.hypothesis.base_count + index])
+    errors = explanation.parameter_errors
+    size_error = float(explanation.size_errors[index])
     shrinkage = validation.shrinkage(explanation)
     partners = [other for other in explanation.names if other != name]
     return Cause(
@@ -172,7 +172,7 @@ def parameters_of(explanation: Explanation, fit: Fit) -> dict[str, ParameterEsti
         fit: gives the values.
     """
     base: BaseParameters = fit.hypothesis.system.base
-    errors = np.sqrt(np.diagonal(explanation.parameter_covariance))
+    errors = explanation.parameter_errors
     values = base.values(fit.base)
     estimates = {}
     for i, name in enumerate(base.names):

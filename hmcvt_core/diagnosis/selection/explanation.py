@@ -99,10 +99,14 @@ class Explanation:
         return np.asarray(np.linalg.inv(information[np.ix_(kept, kept)]))
 
     @property
+    def parameter_errors(self) -> Array:
+        """Standard errors of base parameters and sizes at the fitted shapes, shape (p,)."""
+        return np.sqrt(np.diagonal(self.parameter_covariance))
+
+    @property
     def size_errors(self) -> Array:
         """Standard errors of the sizes, in typical sizes, shape (effects,)."""
-        variances = np.diagonal(self.parameter_covariance)
-        return np.sqrt(variances[self.fit.hypothesis.base_count :])
+        return self.parameter_errors[self.fit.hypothesis.base_count :]
 
     @cached_property
     def served_fit(self) -> Fit:
@@ -152,29 +156,26 @@ class Explanation:
     def explained_fraction(self, base_only: Explanation) -> float:
         """Return how far the listed effects explain the gap, 0 to 1.
 
-        Three parts of the squared change from the base model reduce it: what an extra discrepancy
-        makes, what scatters above its statement, and what the set misses while its forms do not
-        bend. Up to a limit each stays unexplained without a doubt about the set: it is due to
-        inexact forms, or too small beside the change.
+        Three fractions of the squared change from the base model reduce it: what an extra
+        discrepancy makes, what scatters above its statement, and what the set misses while its
+        forms have no error. Up to a limit each stays unexplained without a doubt about the set: it
+        is due to inexact forms, or too small beside the change.
 
         Args:
             base_only: the base model alone.
         """
         if not self.names or self.fit.hypothesis.reversed_sign:
             return 0.0
-        extra_part, missed_part = self._parts_not_explained(base_only)
-        without_extra = np.interp(
-            extra_part, EXTRA_DISCREPANCY_FRACTION, EXPLAINED_BY_SET
-        )
-        by_forms = np.interp(missed_part, MISSED_FRACTION, EXPLAINED_BY_SET)
-        fraction = without_extra * by_forms
+        extra, missed = self._fractions_not_explained(base_only)
+        explained = np.interp(extra, EXTRA_DISCREPANCY_FRACTION, EXPLAINED_BY_SET)
+        explained *= np.interp(missed, MISSED_FRACTION, EXPLAINED_BY_SET)
         if self.has_excess_noise:
-            scattered_part = self._scattered_part(base_only)
-            fraction *= np.interp(scattered_part, SCATTERED_FRACTION, EXPLAINED_BY_SET)
-        return float(fraction)
+            scattered = self._scattered_fraction(base_only)
+            explained *= np.interp(scattered, SCATTERED_FRACTION, EXPLAINED_BY_SET)
+        return float(explained)
 
-    def _scattered_part(self, base_only: Explanation) -> float:
-        """Return the part of the squared gap that is scatter above its statement, 0 to 1.
+    def _scattered_fraction(self, base_only: Explanation) -> float:
+        """Return the fraction of the squared gap that is scatter above its statement, 0 to 1.
 
         It does not depend on the number of samples: both grow with them alike.
 
@@ -187,17 +188,17 @@ class Explanation:
         gap = max(float(np.sum(squares)), ROUNDING)
         return min(float(np.sum(excess)) / gap, 1.0)
 
-    def extra_part(self, base_only: Explanation) -> float:
-        """Return the part of the squared change that an extra discrepancy makes, 0 to 1."""
-        extra_part, _ = self._parts_not_explained(base_only)
-        return min(extra_part, 1.0)
+    def extra_fraction(self, base_only: Explanation) -> float:
+        """Return the fraction of the squared change that an extra discrepancy makes, 0 to 1."""
+        extra, _ = self._fractions_not_explained(base_only)
+        return min(extra, 1.0)
 
-    def _parts_not_explained(self, base_only: Explanation) -> tuple[float, float]:
-        """Return the parts of the squared change by an extra discrepancy, and that the set misses.
+    def _fractions_not_explained(self, base_only: Explanation) -> tuple[float, float]:
+        """Return the fractions of the squared change by an extra discrepancy, and by form errors.
 
         A base model that is more than a little off is an extra discrepancy. What the set misses
-        has two measures, of which the smaller counts: the part that the bends of its forms make,
-        and the part of the reduction of squares that it does not reach alone.
+        has two measures, of which the smaller counts: the fraction that the errors of its forms
+        make, and that of the reduction of squares that it does not reach alone.
 
         Args:
             base_only: the base model alone.
@@ -206,14 +207,14 @@ class Explanation:
         extra_count = self.plain_model.columns.shape[-1] - theta_count
         allowance_end = self.model.columns.shape[-1] - extra_count
         base_spread = self._base_spread(self.families)
-        bends_begin = theta_count + len(base_spread)
+        forms_begin = theta_count + len(base_spread)
         far_off = self._far_off(base_spread)
 
         # Residuals in units of the noise, as more and more of the explanation is added.
         deviation = np.sqrt(self.model.noise)[:, None]
         base = base_only.fit.whitened / deviation
         set_alone = self.plain_model.residual(theta_count) / deviation
-        with_base_allowance = self.model.residual(bends_begin) / deviation
+        with_base_allowance = self.model.residual(forms_begin) / deviation
         with_form_errors = self.model.residual(allowance_end) / deviation
         complete = self.model.residual() / deviation
 
@@ -222,12 +223,10 @@ class Explanation:
         reduction = max(np.sum(base**2) - remaining, ROUNDING)
         of_far_off = self.model.columns[..., far_off] @ self.model.mean[far_off]
         extra = with_form_errors - complete + of_far_off / deviation
-        extra_part = np.sum(extra**2) / total_change
-        bends_part = (
-            np.sum((with_base_allowance - with_form_errors) ** 2) / total_change
-        )
-        not_reduced_part = (np.sum(set_alone**2) - remaining) / reduction
-        return float(extra_part), float(min(bends_part, not_reduced_part))
+        of_extra = np.sum(extra**2) / total_change
+        of_forms = np.sum((with_base_allowance - with_form_errors) ** 2) / total_change
+        not_reduced = (np.sum(set_alone**2) - remaining) / reduction
+        return float(of_extra), float(min(of_forms, not_reduced))
 
     def prediction_at(
         self, points: Observations, with_allowances: bool = False
@@ -377,7 +376,7 @@ def with_form_errors(explanation: Explanation) -> list[Explanation]:
     fit = explanation.fit
     changes = fit.jacobian[..., fit.hypothesis.size_indices]
     changes = changes / np.sqrt(fit.noise)[:, None, None]
-    bent = []
+    explanations = []
     for i, effect in enumerate(fit.hypothesis.effects):
         is_other = np.arange(len(fit.sizes)) != i
         of_others = changes[..., is_other] @ fit.sizes[is_other]
@@ -385,10 +384,10 @@ def with_form_errors(explanation: Explanation) -> list[Explanation]:
         if _may_be_form_error(of_effect, of_others):
             ratio = float(np.linalg.norm(of_others) / np.linalg.norm(of_effect))
             log_evidence = _log_evidence_of_form_error(explanation, i, ratio)
-            bent.append(
+            explanations.append(
                 replace(explanation, log_evidence=log_evidence, form_error=effect.name)
             )
-    return bent
+    return explanations
 
 
 def _may_be_form_error(of_effect: Array, of_others: Array) -> bool:

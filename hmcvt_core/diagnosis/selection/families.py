@@ -3,8 +3,8 @@ r"""Which families of a discrepancy are present.
 
 A discrepancy is a sum of families of functions: those of one axis, and products of several axes.
 An inexact base or form needs few of them, and an exact one none. Every subset S of k of the m
-families is therefore a model of its own, with the prior under which the readings tell how many
-families are present (Scott & Berger 2010, Ann. Stat. 38, 2587):
+families is therefore a model of its own, with the prior under which the readings decide how
+many families are present (Scott & Berger 2010, Ann. Stat. 38, 2587):
 
 .. math:: p(S) = \frac{1}{m + 1} \binom{m}{k}^{-1}
 

@@ -210,7 +210,7 @@ def compute_posterior(base: Fit, boxes: Regions, seed: int) -> Posterior:
         *listed,
         *_sets_with_form_error(listed, effects),
         *_with_shared_prior(
-            [explain_by_base_discrepancy(base_only)], PRIOR_BASE_DISCREPANCY
+            [explain_by_base_discrepancy(base_only)], math.log(PRIOR_BASE_DISCREPANCY)
         ),
         *_unlisted_causes(base_only, boxes),
     ]
@@ -250,7 +250,7 @@ def _sets_with_form_error(sets: Sequence[Weighted], effects: int) -> list[Weight
         sets: with or without an unlisted loss.
         effects: how many compete.
     """
-    bent_sets = []
+    with_form_error = []
     for explanation, log_weight in sets:
         causes = len(explanation.names) - 1
         if not causes:
@@ -259,9 +259,9 @@ def _sets_with_form_error(sets: Sequence[Weighted], effects: int) -> list[Weight
         log_prior += _log_prior_of_set(causes, effects)
         log_prior -= _log_prior_of_set(causes + 1, effects)
         log_prior += math.log(PRIOR_FORM_ERROR / (effects - causes))
-        for bent in with_form_errors(explanation):
-            bent_sets.append((bent, log_prior + bent.log_evidence))
-    return bent_sets
+        for item in with_form_errors(explanation):
+            with_form_error.append((item, log_prior + item.log_evidence))
+    return with_form_error
 
 
 def _log_prior_of_set(size: int, effects: int) -> float:
@@ -280,7 +280,7 @@ def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Wei
             boxed_discrepancies(explanation, boxes),
             scattered(explanation),
         ):
-            extended += _with_shared_log_prior(
+            extended += _with_shared_prior(
                 kind, log_prior_of_set + math.log(PRIOR_UNLISTED / 3.0)
             )
     return extended
@@ -289,11 +289,11 @@ def _sets_with_discrepancy(sets: Sequence[Weighted], boxes: Regions) -> list[Wei
 def _unlisted_causes(base_only: Explanation, boxes: Regions) -> list[Weighted]:
     """Return unlisted causes alone: smooth, inside a box, or effects of reversed sign."""
     reversed_effects, reversed_count = _reversed_effects(base_only.fit)
-    prior = PRIOR_UNLISTED / 3.0
+    log_prior = math.log(PRIOR_UNLISTED / 3.0)
     return [
-        *_with_shared_prior(smooth_discrepancies(base_only), prior),
-        *_with_shared_prior(boxed_discrepancies(base_only, boxes), prior),
-        *_with_shared_prior(reversed_effects, prior, reversed_count),
+        *_with_shared_prior(smooth_discrepancies(base_only), log_prior),
+        *_with_shared_prior(boxed_discrepancies(base_only, boxes), log_prior),
+        *_with_shared_prior(reversed_effects, log_prior, reversed_count),
     ]
 
 
@@ -315,20 +315,13 @@ def _reversed_effects(base: Fit) -> tuple[list[Explanation], int]:
 
 
 def _with_shared_prior(
-    explanations: Sequence[Explanation], prior: float, count: int = 0
-) -> list[Weighted]:
-    """Share a prior probability evenly; see `_with_shared_log_prior`."""
-    return _with_shared_log_prior(explanations, math.log(prior), count)
-
-
-def _with_shared_log_prior(
     explanations: Sequence[Explanation], log_prior: float, count: int = 0
 ) -> list[Weighted]:
-    """Share a log prior evenly among explanations.
+    """Share a prior probability evenly among explanations.
 
     Args:
         explanations: that share it.
-        log_prior: of all together.
+        log_prior: log of that of all together.
         count: how many share it if these are the best of more; 0 if these are all.
     """
     weighted = []

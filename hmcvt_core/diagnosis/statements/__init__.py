@@ -4,6 +4,5 @@
 agreement: do the readings agree with the noise that was stated for them?
 scatter: does something vary that was not recorded, and over which time?
 members: which effects are present, whatever else is?
-explained: which part of the change do they explain, and is their form right?
 verdict: the statements in one word.
 """

@@ -17,7 +17,7 @@ sessions.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -103,27 +103,15 @@ def agreement_of(fit: Fit) -> Agreement:
     if observed.assumed:
         return NOTHING_STATED
     rows = rows_at_statement(fit)
-    n = len(observed)
-    parts = [("", np.arange(n)), *_parts(observed)]
-    of_readings = len(parts)
-    parts += _meters(observed, rows.of_shared_errors)
-    looks = []
-    for number, (words, members) in enumerate(parts):
-        # Half of the level is for all samples together, half for their parts.
-        looks_alike = 2.0 if number == 0 else 2.0 * (len(parts) - 1)
-        ratio, p_value = _excess(
-            rows.residuals[members], rows.absorbed[members], observed
-        )
-        looks.append(
-            Look(
-                observed.channels[0].name,
-                words,
-                len(members),
-                ratio,
-                min(looks_alike * p_value, 1.0),
-                of_meters=number >= of_readings,
-            )
-        )
+    parts = list(_parts(observed))
+    meters = _meters(observed, rows.of_shared_errors)
+    # Half of the level is for all samples together, half for their parts.
+    of_parts = 2.0 * (len(parts) + len(meters))
+    looks = [_look(rows, "", np.arange(len(observed)), 2.0)]
+    looks += [_look(rows, words, members, of_parts) for words, members in parts]
+    for words, members in meters:
+        look = _look(rows, words, members, of_parts)
+        looks.append(replace(look, of_meters=True))
     exceeding = [look for look in looks if look.p_value <= AGREEMENT_LEVEL]
     # A ratio of meters is one to their class, not to the noise of the readings.
     compared = [look for look in exceeding if not look.of_meters] or exceeding
@@ -181,6 +169,23 @@ def rows_at_statement(fit: Fit) -> RowsAtStatement:
     return RowsAtStatement(unit, residuals, basis, of_shared_errors, at_statement)
 
 
+def _look(
+    rows: RowsAtStatement, words: str, members: NDArray[np.intp], count: float
+) -> Look:
+    """Return some rows against their statement.
+
+    Args:
+        rows: of the refit.
+        words: what they are.
+        members: which rows.
+        count: of the looks among which the level is shared (Bonferroni).
+    """
+    observed = rows.fit.observed
+    ratio, p_value = _excess(rows.residuals[members], rows.absorbed[members], observed)
+    channel = observed.channels[0].name
+    return Look(channel, words, len(members), ratio, min(count * p_value, 1.0))
+
+
 def _excess(
     residuals: Array, absorbed: Array, observed: Observations
 ) -> tuple[float, float]:
@@ -189,7 +194,7 @@ def _excess(
     Args:
         residuals: in stated deviations, shape (n,).
         absorbed: rows of the basis of what the refit absorbs, shape (n, p).
-        observed: says where the statement comes from.
+        observed: gives the source of the statement.
     """
     from scipy.special import chdtrc, fdtrc
 

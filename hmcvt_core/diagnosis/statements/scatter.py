@@ -149,7 +149,7 @@ def _thinned(fit: Fit) -> Fit:
     observed = fit.observed
     if len(observed) <= SCATTER_SAMPLES:
         return fit
-    # Neighbours in time are kept together: they tell the time scale.
+    # Neighbours in time are kept together: they determine the time scale.
     times = _stamps_of(observed)
     order = np.arange(len(observed)) if times is None else np.argsort(times)
     start = (len(observed) - SCATTER_SAMPLES) // 2
@@ -236,15 +236,15 @@ class _Evidence:
         self.observed = rows.fit.observed
 
     def of_channel(self) -> float:
-        """Return that of a noise of the first channel that is stated too small."""
+        """Return the log evidence of a noise of the first channel that is stated too small."""
         return self._of_first_channel(np.eye(len(self.observed)))
 
     def of_base_model(self) -> float:
-        """Return that of a base model whose first channel is smoothly off."""
+        """Return the log evidence of a base model whose first channel is smoothly off."""
         return self._of_first_channel(self.observed.smooth.at_campaign)
 
     def of_field(self, lengths: Array) -> float:
-        """Return that of a loss that is a smooth field over the axes.
+        """Return the log evidence of a loss that is a smooth field over the axes.
 
         Args:
             lengths: over which it changes, as a part of the range of each axis, shape (axes,).
@@ -259,13 +259,13 @@ class _Evidence:
         return self._of_first_channel(_root(covariance))
 
     def _of_first_channel(self, columns: Array) -> float:
-        """Return that of changes of the first channel, shape (n, m)."""
+        """Return the log evidence of changes of the first channel, shape (n, m)."""
         changes = np.zeros((*self.rows.fit.whitened.shape, columns.shape[1]))
         changes[0] = columns
         return self.of_changes(changes)
 
     def of_quantity(self, signature: Array, root: Array) -> float:
-        """Return that of a quantity that varies.
+        """Return the log evidence of a quantity that varies.
 
         Args:
             signature: change of every reading, in stated deviations, shape (channels, n).
@@ -274,7 +274,7 @@ class _Evidence:
         return self.of_changes(signature[..., None] * root)
 
     def of_changes(self, changes: Array) -> float:
-        """Return that of coefficients of one amplitude, averaged over a grid.
+        """Return the log evidence of coefficients of one amplitude, averaged over a grid.
 
         Args:
             changes: of the readings by each coefficient, in deviations, shape (channels, n, m).
@@ -316,26 +316,19 @@ def _summary(
 
     log_weights = []
     for rival in rivals:
-        alike = 1
-        if rival.quantity == UNLISTED:
-            alike = len([item for item in rivals if item.quantity == UNLISTED])
-        elif rival.quantity not in _RIVALS:
-            scales = {kernel.time_scale for kernel in kernels}
-            of_scale = [k for k in kernels if k.time_scale == rival.time_scale]
-            alike = len(scales) * len(of_scale)
-        log_weights.append(rival.log_evidence - np.log(alike))
+        log_weights.append(rival.log_evidence - np.log(_alike(rival, rivals, kernels)))
     weights = softmax(log_weights).tolist()
     quantities: dict[str, float] = {}
-    scales_known: dict[str, float] = {}
+    time_scales: dict[str, float] = {}
     for rival, weight in zip(rivals, weights, strict=True):
         quantities[rival.quantity] = quantities.get(rival.quantity, 0.0) + weight
-        if rival.time_scale is not None:
-            so_far = scales_known.get(rival.time_scale, 0.0)
-            scales_known[rival.time_scale] = so_far + weight
+        scale = rival.time_scale
+        if scale is not None:
+            time_scales[scale] = time_scales.get(scale, 0.0) + weight
     ranked = sorted(quantities.items(), key=lambda item: -item[1])
     relevant = tuple(item for item in ranked if item[1] >= RELEVANT_PROBABILITY)
-    likeliest = max(scales_known, key=scales_known.__getitem__)
-    is_known = len(kernels) > 1 and scales_known[likeliest] >= LIKELY
+    likeliest = max(time_scales, key=time_scales.__getitem__)
+    is_known = len(kernels) > 1 and time_scales[likeliest] >= LIKELY
     time_scale = likeliest if is_known else None
     sensors = {item.name: item.sensor for item in unrecorded}
     sensor = next((sensors[name] for name, _ in ranked if name in sensors), "")
@@ -347,6 +340,17 @@ def _summary(
         sensor=sensor,
         sentence=_sentence(agreement, time_scale, relevant, sensors),
     )
+
+
+def _alike(rival: _Rival, rivals: Sequence[_Rival], kernels: Sequence[_Kernel]) -> int:
+    """Return among how many rivals the prior of a quantity is shared."""
+    if rival.quantity == UNLISTED:
+        return sum(item.quantity == UNLISTED for item in rivals)
+    if rival.quantity in _RIVALS:
+        return 1
+    scales = {kernel.time_scale for kernel in kernels}
+    of_scale = sum(kernel.time_scale == rival.time_scale for kernel in kernels)
+    return len(scales) * of_scale
 
 
 def _sentence(

@@ -8,7 +8,7 @@
 | `cause_found` | one set is settled, or a member is present whatever its company |
 | `class_found` | the same of a class of effects that no test distinguishes |
 | `other_form` | a member is present and makes most of the change, but no listed form fits |
-| `ambiguous` | listed effects explain the gap, and these readings do not tell which |
+| `ambiguous` | listed effects explain the gap, and these readings do not determine which |
 | `unexplained` | they do not, or the base model is slightly off and nothing else |
 """
 
@@ -97,20 +97,9 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
     if posterior.misfit > posterior.unlisted / 2.0:
         note = "the base model is slightly off, smoothly: less than a cause would need"
         return "unexplained", (note,)
-    named = None
-    for item in present:
-        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
-            named = item
-            break
+    named = _main_member(analysis, present)
     if posterior.scatter > posterior.unlisted / 2.0:
-        if named is not None:
-            doubts = _doubts(_likeliest_with(analysis, named))
-            if doubts:
-                return "ambiguous", doubts
-            return "class_found" if named.is_class else "cause_found", ()
-        if posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
-            return "ambiguous", ()
-        return "excess_scatter", ()
+        return _beside_scatter(analysis, named)
     if named is None:
         return "unexplained", ("no set of listed effects explains the gap",)
     names = " or ".join(map(plain, named.effects))
@@ -119,6 +108,35 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
         "is another loss"
     )
     return "other_form", (note,)
+
+
+def _main_member(analysis: Analysis, present: Sequence[Member]) -> Member | None:
+    """Return the first member whose likeliest explanation makes most of the change, or None."""
+    for item in present:
+        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
+            return item
+    return None
+
+
+def _beside_scatter(analysis: Analysis, named: Member | None) -> Word:
+    """Return the verdict where most of what is unlisted varies along no recorded axis.
+
+    Args:
+        analysis: of the campaign.
+        named: member that makes most of the change, or None.
+    """
+    if named is not None:
+        doubts = _doubts(_likeliest_with(analysis, named))
+        if doubts:
+            return "ambiguous", doubts
+        return _found(named.is_class), ()
+    if analysis.posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
+        return "ambiguous", ()
+    return "excess_scatter", ()
+
+
+def _found(is_class: bool) -> str:
+    return "class_found" if is_class else "cause_found"
 
 
 def _scatter_of(
@@ -151,11 +169,10 @@ def _explained(analysis: Analysis, present: Sequence[Member]) -> str:
     """Return the verdict where listed effects explain the gap."""
     if set_is_settled(analysis):
         parts = analysis.leading_class_set.alternatives
-        has_class = any(len(names) > 1 for names in parts)
-        return "class_found" if has_class else "cause_found"
+        return _found(any(len(names) > 1 for names in parts))
     if not present:
         return "ambiguous"
-    return "class_found" if present[0].is_class else "cause_found"
+    return _found(present[0].is_class)
 
 
 def set_is_settled(analysis: Analysis) -> bool:
@@ -183,12 +200,12 @@ def _makes_most_of_change(analysis: Analysis, explanation: Explanation) -> bool:
     left = np.sum(explanation.fit.whitened**2)
     noise = float(analysis.base.whitened.size)
     reduced = (before - left) / max(before - noise, 1.0)
-    extra_part = explanation.extra_part(analysis.posterior.base_only)
-    return bool(min(reduced, 1.0 - extra_part) >= OTHER_FORM_FRACTION)
+    extra = explanation.extra_fraction(analysis.posterior.base_only)
+    return bool(min(reduced, 1.0 - extra) >= OTHER_FORM_FRACTION)
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
-    """Say which fitted values of a set stand at the bounds of what is physical."""
+    """Return notes on fitted values of a set at the bounds of what is physical."""
     fit = leading.served_fit
     notes = []
     for effect in fit.effects:
@@ -196,7 +213,7 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
             continue
         for item in effect.parameters():
             value = effect.values()[item.name]
-            if item.is_size and _at_bound(value, item.low, item.high):
+            if item.is_size and at_bound(value, item.low, item.high):
                 notes.append(
                     f"{plain(effect.name)}: {plain(item.name)} = {value:.3g} {item.unit} is at "
                     "the bound of what is physical, so it may stand for something else"
@@ -210,7 +227,7 @@ def _doubts(leading: Explanation) -> tuple[str, ...]:
 
 
 def _exceeded_forms(leading: Explanation) -> tuple[str, ...]:
-    """Say which shapes stand at the bound of their sources although the readings ask for more.
+    """Return notes on shapes at the bound of their sources where the readings ask for more.
 
     A shape may stand at its bound; but a relief valve that opens is a leakage whose exponent would
     be far beyond that of any gap. The estimate is linear near the bound.
@@ -240,7 +257,7 @@ def _exceeded_forms(leading: Explanation) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _at_bound(value: float, low: float, high: float) -> bool:
+def at_bound(value: float, low: float, high: float) -> bool:
     """Whether a size is at a bound; at a bound of zero it is absent, which is no doubt."""
     near = AT_BOUND_FRACTION * (high - low)
     return value > high - near or (low != 0.0 and value < low + near)
@@ -251,12 +268,12 @@ def _base_at_bound(fit: Fit) -> list[str]:
     base = fit.hypothesis.system.base
     with np.errstate(invalid="ignore"):
         near = AT_BOUND_FRACTION * np.minimum(base.high - base.low, 1.0)
-    at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
-    return [base.names[i] for i in np.flatnonzero(at_bound)]
+    is_at_bound = (fit.base < base.low + near) | (fit.base > base.high - near)
+    return [base.names[i] for i in np.flatnonzero(is_at_bound)]
 
 
 def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
-    """Say that the saved model holds an effect that is no cause."""
+    """Return a note where the saved model holds an effect that is no cause."""
     leading, _ = analysis.leading
     if not leading.form_error:
         return ()
@@ -269,7 +286,7 @@ def _form_error_of_the_model(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
-    """Say that an unlisted loss is present in addition to the leading set."""
+    """Return a note where an unlisted loss is present in addition to the leading set."""
     first, _ = analysis.posterior.entries[0]
     if first.discrepancy is None:
         return ()
@@ -279,7 +296,7 @@ def _smaller_unlisted_loss(analysis: Analysis) -> tuple[str, ...]:
 
 
 def _why_no_gap(analysis: Analysis) -> tuple[str, ...]:
-    """Say why rare readings are no gap."""
+    """Return a note on why rare readings are no gap."""
     if not analysis.is_rare:
         return ()
     probability = 100.0 * analysis.posterior.no_gap

@@ -36,9 +36,8 @@ __all__ = [
 ]
 
 GROUP = "hmcvt.effects"
-_LARGEST = (
-    120.0  # displacement of a single unit / that of the paper's, by which sizes grow
-)
+_LARGEST = 120.0
+"""Displacement of a single unit / that of the paper's, by which sizes grow."""
 _WAYS = (
     "one of your own comes with --effects MODULE_OR_FILE.py (effects_file of the node), or "
     f"from an installed package through the entry-point group {GROUP}"
@@ -58,7 +57,7 @@ def library(units: bool = False, changes: bool = False) -> tuple[type[Effect], .
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
     _plug_ins()
-    found = [
+    classes = [
         effect
         for effect in _subclasses(Effect)
         if effect.name
@@ -67,13 +66,13 @@ def library(units: bool = False, changes: bool = False) -> tuple[type[Effect], .
         and (changes or not effect.change_only)
         and not {"name", "form"}.isdisjoint(vars(effect))
     ]
-    latest = {(effect.__module__, effect.__qualname__): effect for effect in found}
+    latest = {(effect.__module__, effect.__qualname__): effect for effect in classes}
     return tuple(sorted(latest.values(), key=lambda effect: (effect.name, effect.form)))
 
 
 @cache
 def _plug_ins() -> tuple[str, ...]:
-    """Import the effects of installed packages; say of each that cannot be loaded why."""
+    """Import the effects of installed packages; return why some cannot be loaded."""
     complaints = []
     for entry in entry_points(group=GROUP):
         try:
@@ -135,9 +134,8 @@ def import_source(source: str) -> Any:
 
 def _import_file(path: Path) -> Any:
     for known in list(sys.modules.values()):
-        if (file := getattr(known, "__file__", None)) and Path(
-            str(file)
-        ).resolve() == path:
+        file = getattr(known, "__file__", None)
+        if file and Path(str(file)).resolve() == path:
             return known
     name = f"hmcvt_effects_{path.stem}_{zlib.crc32(os.fsencode(path)):08x}"
     spec = importlib.util.spec_from_file_location(name, path)
@@ -152,9 +150,10 @@ def _import_file(path: Path) -> Any:
 
 
 def _subclasses(base: type[Effect]) -> list[type[Effect]]:
-    return [
-        item for child in base.__subclasses__() for item in (child, *_subclasses(child))
-    ]
+    classes = []
+    for child in base.__subclasses__():
+        classes += [child, *_subclasses(child)]
+    return classes
 
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:

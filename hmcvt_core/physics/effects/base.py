@@ -21,11 +21,8 @@ Value = Array | float
 PRESSURE_REFERENCE = 20e6
 """Pressure at which sizes are stated [Pa]."""
 OIL_HOOKS = "viscosity_ratio", "film_viscosity_ratio"
-_OF_ANY_SIZE = (
-    "-",
-    "1/GPa",
-    "K",
-)  # units of sizes that are the same in small pumps and in large ones
+_OF_ANY_SIZE = ("-", "1/GPa", "K")
+"""Units of sizes that are the same in small pumps and in large ones."""
 
 
 class ShaftState(NamedTuple):
@@ -115,15 +112,13 @@ class EffectParameter:
 
     def times(self, factor: float) -> EffectParameter:
         """Return the parameter in a unit so many times as large."""
-        return (
-            self
-            if not self.grows
-            else replace(
-                self,
-                typical=factor * self.typical,
-                low=factor * self.low,
-                high=factor * self.high,
-            )
+        if not self.grows:
+            return self
+        return replace(
+            self,
+            typical=factor * self.typical,
+            low=factor * self.low,
+            high=factor * self.high,
         )
 
 
@@ -171,7 +166,7 @@ def shape(
             "low": low,
             "high": high,
             "grid": grid,
-            "between": between and not all(isinstance(each, int) for each in grid),
+            "between": between and not all(isinstance(value, int) for value in grid),
         },
     )
 
@@ -225,7 +220,7 @@ class Parametrised:
 
 @dataclass(frozen=True)
 class Effect(Parametrised):
-    """Base of all effects: every hook says "no change".
+    """Base of all effects: no hook changes anything.
 
     Class attributes:
         name: the field's word, as in the contract of `hmcvt diagnose`.
@@ -319,11 +314,10 @@ class Effect(Parametrised):
             if hook == f"{other}_drag":
                 return 0.0
             still = np.zeros_like(state.pressure)
-            state = (
-                state._replace(motor_speed=still)
-                if other == "motor"
-                else state._replace(pump_speed=still, displacement_ratio=still + 1.0)
-            )
+            if other == "motor":
+                state = state._replace(motor_speed=still)
+            else:
+                state = state._replace(pump_speed=still, displacement_ratio=still + 1.0)
         return getattr(self, hook)(state)
 
     # Hooks, in the order in which the power balance meets them; those of a whole state together.

@@ -90,11 +90,11 @@ class EffectByRow(Effect):
         return self._by_row("pressure_reading", pressure, pressure)
 
     def _by_row(self, hook: str, unchanged: Array, *arguments: Any) -> Array:
-        """Return what a hook says in each row.
+        """Return the value of a hook in each row.
 
         Args:
             hook: its name.
-            unchanged: what it says where no effect acts, shape (..., rows, n).
+            unchanged: its value where no effect acts, shape (..., rows, n).
             arguments: of the hook, of the same shape.
         """
         value = np.array(unchanged)

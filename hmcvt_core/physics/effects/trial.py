@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A trial of somebody's effect at a few points: what a hook gives wrongly is said with its name."""
+"""A trial of somebody's effect at a few points, whose errors name the hook."""
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 from inspect import signature
 from types import FunctionType
@@ -26,64 +27,72 @@ def trial(kind: type[Effect]) -> None:
     """
     _require_hooks(kind)
     effect = kind().with_values({item.name: item.typical for item in kind.sizes()})
-    for hook, plain in vars(Effect).items():
-        where, state = f"effect {kind.name}: {hook}", _state()
-        given = {
-            **state._asdict(),
-            "state": state,
-            "efficiency": state.displacement_ratio,
-            "power": state.load_power,
-            "speed": state.output_speed,
-            "torque": state.sun_torque,
-        }
-        names = (
-            list(signature(plain).parameters)[1:]
-            if isinstance(plain, FunctionType)
-            else []
-        )
-        # What takes something else is no hook.
-        if not names or not given.keys() >= {*names} or not kind.acts_at(hook):
+    known = _arguments(_state())
+    for hook, default in vars(Effect).items():
+        if not isinstance(default, FunctionType):
             continue
-        try:
-            answer = np.asarray(
-                getattr(effect, hook)(*(given[each] for each in names)),
-                dtype=np.float64,
-            )
-        except Exception as error:  # whatever somebody else's code may raise
-            raise InputError(f"{where}: {type(error).__name__}: {error}") from error
-        if answer.shape not in ((), (1,), (_POINTS,)):
+        names = list(signature(default).parameters)[1:]
+        # What takes something else is no hook.
+        if names and known.keys() >= set(names) and kind.acts_at(hook):
+            _call(effect, hook, names)
+
+
+def _call(effect: Effect, hook: str, names: Sequence[str]) -> None:
+    """Call a hook; errors as of `trial`.
+
+    Args:
+        effect: at its typical sizes.
+        hook: name of the method.
+        names: of its arguments.
+    """
+    where = f"effect {effect.name}: {hook}"
+    state = _state()
+    values = _arguments(state)
+    try:
+        value = getattr(effect, hook)(*(values[name] for name in names))
+        answer = np.asarray(value, dtype=np.float64)
+    except Exception as error:  # whatever somebody else's code may raise
+        raise InputError(f"{where}: {type(error).__name__}: {error}") from error
+    if answer.shape not in ((), (1,), (_POINTS,)):
+        raise InputError(
+            f"{where} gives an array of shape {answer.shape} for {_POINTS} "
+            f"points; allowed: one number, or an array of shape ({_POINTS},)"
+        )
+    if not np.isfinite(answer).any():
+        raise InputError(f"{where} gives {answer.flat[0]} at every point tried")
+    if "state" not in names:
+        return
+    fields: list[tuple[str, Any, Any]] = list(
+        zip(state._fields, _state(), state, strict=True)
+    )
+    for field, before, after in fields:
+        if not np.array_equal(before, after):
             raise InputError(
-                f"{where} gives an array of shape {answer.shape} for {_POINTS} "
-                f"points; allowed: one number, or an array of shape ({_POINTS},)"
+                f"{where} changes {field} of the state; make a new array instead"
             )
-        if not np.isfinite(answer).any():
-            raise InputError(f"{where} gives {answer.flat[0]} at every point tried")
-        changed = [
-            field
-            for field, before, after in zip(state._fields, _state(), state, strict=True)
-            if not _same(before, after)
-        ]
-        if changed and "state" in names:
-            raise InputError(
-                f"{where} changes {changed[0]} of the state; make a new array instead"
-            )
+
+
+def _arguments(state: ShaftState) -> dict[str, Any]:
+    """Return what hooks are given at a state, by the names of their arguments."""
+    return {
+        **state._asdict(),
+        "state": state,
+        "efficiency": state.displacement_ratio,
+        "power": state.load_power,
+        "speed": state.output_speed,
+        "torque": state.sun_torque,
+    }
 
 
 def _require_hooks(kind: type[Effect]) -> None:
     """Refuse an effect that overrides no hook, and a method whose name is nearly that of one."""
-    hooks = []
-    for name, plain in vars(Effect).items():
-        if isinstance(plain, FunctionType) and not name.startswith("_"):
-            hooks.append(name)
+    hooks = _public_methods(Effect)
     for owner in kind.__mro__:
         if owner in (Effect, object):
             continue
-        for name, method in vars(owner).items():
-            is_public = isinstance(method, FunctionType) and not name.startswith("_")
-            if not is_public or name in hooks:
-                continue
+        for name in _public_methods(owner):
             meant = get_close_matches(name, hooks, n=1, cutoff=NEARLY)
-            if meant:
+            if name not in hooks and meant:
                 raise InputError(
                     f"effect {kind.name}: method {name} is no hook; {meant[0]} is: rename it, or "
                     f"begin its name with _"
@@ -94,8 +103,13 @@ def _require_hooks(kind: type[Effect]) -> None:
         )
 
 
-def _same(before: Any, after: Any) -> bool:
-    return bool(np.array_equal(before, after))
+def _public_methods(kind: type) -> list[str]:
+    """Return the names of the methods that a class itself defines."""
+    methods = []
+    for name, item in vars(kind).items():
+        if isinstance(item, FunctionType) and not name.startswith("_"):
+            methods.append(name)
+    return methods
 
 
 def _state() -> ShaftState:
