@@ -110,4 +110,4 @@ def test_identification_asks_the_model_some_three_hundred_times(hm4, monkeypatch
     monkeypatch.setattr(hmcvt.EfficiencyModel, "efficiency_of_candidates", counted)
     samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     hmcvt.identify(samples.select(np.arange(0, 96, 4)), stage=hm4)
-    assert len(calls) < 350
+    assert len(calls) < 310
