@@ -168,6 +168,8 @@ class Quadrant:
         senses: of output and power.
 
     Attributes:
+        stage: as given.
+        given: parameters of the units.
         pump_on_row: whether the pump is on the row (output-coupled).
         reflection: sign of what is reflected.
         sense: sign of y.
@@ -190,6 +192,8 @@ class Quadrant:
     ) -> None:
         units = stage.pump_motor
         engine_share, output_share = stage.pump_speed_ratios
+        self.stage = stage
+        self.given = parameters
         self.senses = senses
         self.pump_on_row = stage.layout == "output_coupled"
         self.sense: Any = 1 if self.pump_on_row else senses.power
@@ -210,8 +214,6 @@ class Quadrant:
         self._output_gears = passed(stage.output.efficiency, senses.power)
         self.mechanical_load: Any = self._mechanical_load(stage)
         self.pump_gears, self.backward_gears = self._pump_gears(stage)
-        self._stage = stage
-        self._parameters = parameters
         self._constants: list[RegimeConstants | None] = [None] * len(Regime)
         self.stall_load: Any = -math.inf
         if not self.pump_on_row:
@@ -258,7 +260,7 @@ class Quadrant:
         )
 
     def _regime(self, regime: Regime) -> RegimeConstants:
-        stage, parameters = self._stage, self._parameters
+        stage, parameters = self.stage, self.given
         units, signs = stage.pump_motor, SIGNS[regime]
         h, m = self.hydraulic_ratio, self.mechanical_ratio
         a, c = self.pump_ratios
