@@ -94,8 +94,12 @@ class Schedule:
                 f"cooling = {self.cooling}: need factors above 0 and below 1"
             )
         for name in ("moves", "chains", "rounds"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
+            value = getattr(self, name)
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            if not is_whole or value < 1:
+                raise InputError(
+                    f"{name} = {value!r} is not a whole number of at least 1"
+                )
 
     @property
     def generations(self) -> int:

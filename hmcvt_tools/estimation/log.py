@@ -19,6 +19,7 @@ from hmcvt_core.files.table import csv_text
 from hmcvt_core.model.engine import Engine
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.oil import without_oil_temperature
+from hmcvt_core.transmission.quantities import real_numbers
 from hmcvt_core.transmission.ranges import Array
 
 from ..logs.opening import open_log
@@ -176,6 +177,9 @@ def estimate(
     Raises:
         InputError: the log cannot be read, or its channels do not suffice.
     """
+    friction = None
+    if friction_torque is not None:
+        friction = 100.0 * float(real_numbers(friction_torque, "friction_torque"))
     with ExitStack() as stack:
         opened = log
         if not isinstance(opened, Log):
@@ -183,7 +187,7 @@ def estimate(
         stated = Stated(
             channels or {},
             reference_torque,
-            None if friction_torque is None else 100.0 * friction_torque,
+            friction,
             stage_names or {},
             group,
         )

@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """An estimate of a machine that is not as identified: cold oil, wear, working hydraulics."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.errors import InputError
 from hmcvt_core.physics.effects.hydraulic import OilTemperature, walther_log_viscosity
 from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
@@ -164,3 +166,17 @@ def test_drags_with_the_oil_are_noted(identified):
 def test_oil_temperature_of_settings_is_checked():
     with pytest.raises(InputError, match="oil_temperature"):
         EstimateSettings(oil_temperature=350.0)
+
+
+@pytest.mark.parametrize("wrong", ["1", True, math.nan, -1.0])
+def test_numbers_of_settings_are_checked(wrong):
+    with pytest.raises(InputError, match="wear = "):
+        EstimateSettings(wear=wrong)
+
+
+@pytest.mark.parametrize("wrong", ["0.08", True, math.nan, 8.0])
+def test_a_friction_in_python_is_a_fraction(identified, tmp_path, wrong):
+    path = tmp_path / "drive.log"
+    path.write_text("(1.0) can0 0CF00400#FF7D7D000FFFFFFF\n")
+    with pytest.raises(InputError, match="friction_torque"):
+        hmcvt_tools.estimate(path, identified, friction_torque=wrong)
