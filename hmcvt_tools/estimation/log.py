@@ -268,13 +268,14 @@ def _condition_notes(
         )
     elif temperatures is None:
         notes.append(
-            "leakage and dampings do not follow the oil temperature of the log: the model does not "
-            "state the one of its identification (--identified-temperature says it)"
+            "cold or hot oil is not in the intervals, and leakage and dampings do not follow the "
+            "oil temperature of the log: the model does not state the one of its identification "
+            "(--identified-temperature says it)"
         )
     elif not model.states_errors:
         notes.append(
-            "leakage and dampings do not follow the oil temperature of the log: the model states "
-            "no errors of its parameters"
+            "cold or hot oil is not in the intervals, and leakage and dampings do not follow the "
+            "oil temperature of the log: the model states no errors of its parameters"
         )
     else:
         notes.append(
@@ -286,7 +287,9 @@ def _condition_notes(
     if settings.wear == 0.0:
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
-        notes.append("wear is not used: the model states no errors of its parameters")
+        notes.append(
+            "wear is not in the intervals: the model states no errors of its parameters"
+        )
     else:
         notes.append(
             f"by wear the leakage is taken as up to {100.0 * settings.wear:.0f} % above the "

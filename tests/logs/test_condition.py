@@ -3,6 +3,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_tools.estimation import EstimateSettings
 from hmcvt_tools.estimation.condition import moves, outside_identified
-from hmcvt_tools.estimation.log import _drag_notes
+from hmcvt_tools.estimation.log import _condition_notes, _drag_notes
 from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
@@ -166,6 +167,17 @@ def test_drags_with_the_oil_are_noted(identified):
 def test_oil_temperature_of_settings_is_checked():
     with pytest.raises(InputError, match="oil_temperature"):
         EstimateSettings(oil_temperature=350.0)
+
+
+@pytest.mark.parametrize("temperature", [None, 60.0])
+@pytest.mark.parametrize("has_signal", [True, False])
+def test_notes_name_what_is_not_in_the_intervals(identified, has_signal, temperature):
+    model = replace(identified, standard_errors={}, correlation=None)
+    selection = SimpleNamespace(quantities={"oil_temperature"} if has_signal else set())
+    settings = EstimateSettings(oil_temperature=temperature)
+    notes = _condition_notes(selection, model, settings, 0.0)
+    for missing in ("cold or hot oil is", "wear is", "working hydraulics are"):
+        assert any(f"{missing} not in the intervals" in note for note in notes)
 
 
 @pytest.mark.parametrize("wrong", ["1", True, math.nan, -1.0])
