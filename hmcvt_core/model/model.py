@@ -991,22 +991,22 @@ def typical_model(
 
 def _as_floats(stroke: Any, speed: Any, load: Any) -> tuple[float, float, float]:
     """Return numbers of Python and NumPy as floats; NaN for anything else."""
-    all_are_numbers = (
+    are_numbers = (
         type(stroke) in _NUMBERS and type(speed) in _NUMBERS and type(load) in _NUMBERS
     )
-    if not all_are_numbers:
-        stroke, speed, load = map(_number_of, (stroke, speed, load))
-    try:
-        return float(stroke), float(speed), float(load)
-    except OverflowError:  # an integer beyond any float is out of range too
-        return math.nan, math.nan, math.nan
+    if are_numbers or (_is_number(stroke) and _is_number(speed) and _is_number(load)):
+        try:
+            return float(stroke), float(speed), float(load)
+        except OverflowError:
+            pass  # an integer beyond any float is out of range too
+    return math.nan, math.nan, math.nan
 
 
-def _number_of(value: Any) -> Any:
-    """Return a number, or that of an array without a dimension; NaN for anything else."""
-    if type(value) is np.ndarray and value.ndim == 0:
-        value = value[()]
-    return value if type(value) in _NUMBERS else math.nan
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, or an array of numbers without a dimension."""
+    if type(value) is np.ndarray:
+        return value.ndim == 0 and value.dtype.kind in "fiu"
+    return type(value) in _NUMBERS
 
 
 def _in_range(stroke: float, speed: float, load: float) -> bool:
