@@ -94,8 +94,12 @@ class Schedule:
                 f"cooling = {self.cooling}: need factors above 0 and below 1"
             )
         for name in ("moves", "chains", "rounds"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)} is not at least 1")
+            value = getattr(self, name)
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            if not is_whole or value < 1:
+                raise InputError(
+                    f"{name} = {value!r} is not a whole number of at least 1"
+                )
 
     @property
     def generations(self) -> int:
@@ -338,7 +342,7 @@ class _Chains:
         values = self._box(trials.reshape(-1, trials.shape[-1]))
         self._take(warm, temperature, trials, values.reshape(draws, -1))
 
-    @np.errstate(invalid="ignore", divide="ignore")
+    @np.errstate(divide="ignore")
     def _take(
         self,
         warm: NDArray[np.intp],
@@ -354,26 +358,30 @@ class _Chains:
             trials: shape (draws, m, d).
             trial_values: objective at them, shape (draws, m).
         """
-        values = self._values[warm]
-        best_values = self._best_values[warm]
         luck = self._rng.random(trial_values.shape)
         # Metropolis takes a rise with probability exp(-rise / temperature).
         tolerated = -temperature * np.log(luck)
+        # Some twenty chains: plain floats are faster than arrays.
+        values = self._values[warm].tolist()
+        best_values = self._best_values[warm].tolist()
         # Number of the trial that each chain stands at, and of its best; -1 for none of these.
-        current = np.full(len(warm), -1)
-        best = np.full(len(warm), -1)
-        for number, trial_value in enumerate(trial_values):
-            # inf - inf is NaN: a chain that starts without any answer may wander freely.
-            accepted = ~(trial_value - values >= tolerated[number])
-            np.copyto(values, trial_value, where=accepted)
-            np.copyto(current, number, where=accepted)
-            better = values < best_values
-            np.copyto(best_values, values, where=better)
-            np.copyto(best, current, where=better)
+        current = [-1] * len(warm)
+        best = [-1] * len(warm)
+        draws = zip(trial_values.tolist(), tolerated.tolist(), strict=True)
+        for number, (drawn, limits) in enumerate(draws):
+            for chain, (value, limit) in enumerate(zip(drawn, limits, strict=True)):
+                # inf - inf is NaN: a chain that starts without any answer may wander freely.
+                if value - values[chain] >= limit:
+                    continue
+                values[chain] = value
+                current[chain] = number
+                if value < best_values[chain]:
+                    best_values[chain] = value
+                    best[chain] = number
         self._values[warm] = values
         self._best_values[warm] = best_values
-        _put(self._points, warm, trials, current)
-        _put(self._best, warm, trials, best)
+        _put(self._points, warm, trials, np.array(current))
+        _put(self._best, warm, trials, np.array(best))
 
 
 def _put(

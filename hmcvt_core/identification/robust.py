@@ -43,6 +43,9 @@ _TRIED = 1000
 _STARTS = 10
 """Best of them, to be concentrated: as many as in FAST-LTS [Rousseeuw & Van Driessen 2006]."""
 _CONCENTRATIONS = 3
+_CONCENTRATION_GAIN = 1e-3
+"""Of the weighted squares, of order 1 for each sample: a step that gains less ends a concentration,
+which only finds where the reweighted fit begins."""
 _REWEIGHTINGS = 10
 _NO_ANSWER = 1e3  # residual
 _STEP = 1e-5  # of the differences, in terms of `Prior.root`
@@ -142,18 +145,24 @@ class RobustProblem(Problem):
         steps = self._steps(start[None], weights, directions, precision)[0]
         return np.asarray(directions @ steps)
 
-    def _fits(self, starts: Array, weights: Array) -> Array:
+    def _fits(self, starts: Array, weights: Array, small_gain: float = 0.0) -> Array:
         """Weighted least squares with the prior from m starts: changes, shape (m, 3).
 
         Args:
             starts: changes, shape (m, 3).
             weights: of the squared residuals of each, shape (m, n) or (n,).
+            small_gain: a step that changes the squares by less ends a search.
         """
         count = starts.shape[1]
-        return self._steps(starts, weights, np.eye(count), np.ones(count))
+        return self._steps(starts, weights, np.eye(count), np.ones(count), small_gain)
 
     def _steps(
-        self, starts: Array, weights: Array, directions: Array, precision: Array
+        self,
+        starts: Array,
+        weights: Array,
+        directions: Array,
+        precision: Array,
+        small_gain: float = 0.0,
     ) -> Array:
         """Steps (m, k) of least squares from m starts (m, k), see `nearest` and `_fits`."""
         weight_roots = np.sqrt(weights)[..., None, :]
@@ -166,7 +175,7 @@ class RobustProblem(Problem):
         count = starts.shape[1]
         everywhere = np.tile([-np.inf, np.inf], (count, 1))
         squares = LeastSquares(misses, everywhere, np.full(count, _STEP))
-        return squares.fitted(starts)[0]
+        return squares.fitted(starts, small_gain=small_gain)[0]
 
     def better_half(self, residuals: Array) -> Mask:
         """Which samples (..., n) are the smallest majority of the votes by their residuals."""
@@ -294,7 +303,9 @@ class RobustProblem(Problem):
             fitted = better
             half = self.votes * better
             weights = half / self.scatter(residuals, half)[:, None] ** 2
-            changes[changed] = self._fits(changes[changed], weights[changed])
+            changes[changed] = self._fits(
+                changes[changed], weights[changed], _CONCENTRATION_GAIN
+            )
         return changes
 
 

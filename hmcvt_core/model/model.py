@@ -59,7 +59,11 @@ _COLD, _HOT = ranges.OIL_TEMPERATURE.low, ranges.OIL_TEMPERATURE.high
 _PHYSICS = ("formulation", "transmission", "effects")
 """Keys of a parameter file that the fingerprint covers, in addition to the parameters."""
 _NUMBERS = frozenset(
-    (float, int, np.float64, np.float32, np.int64, np.int32, np.int16, np.int8)
+    (
+        *(float, int, np.float64, np.float32, np.float16),
+        *(np.int64, np.int32, np.int16, np.int8),
+        *(np.uint64, np.uint32, np.uint16, np.uint8),
+    )
 )
 """Types of scalars that a lookup takes without arrays."""
 _FLOAT = {float}
@@ -381,11 +385,11 @@ class EfficiencyModel:
     ) -> Sequence[Any]:
         """Efficiency, output speed and engine torque."""
         # No effect, no use for the temperature.
-        if type(oil_temperature) is float and not self.effects:
+        if type(oil_temperature) in _NUMBERS and not self.effects:
             is_known = _COLD <= oil_temperature <= _HOT
             oil_temperature = None if is_known else oil_temperature
         # A control loop asks for single points at every message, without the cost of arrays.
-        if oil_temperature is None and (stage is None or type(stage) is str):
+        if oil_temperature is None and (stage is None or isinstance(stage, str)):
             at_point = self._point_solvers.get(stage)
             if at_point is not None:
                 stroke, speed, load = displacement_ratio, engine_speed, load_torque
@@ -400,7 +404,7 @@ class EfficiencyModel:
                     return at_point(stroke, speed, load)
         self._require_stage(stage)
         point = (displacement_ratio, engine_speed, load_torque)
-        if type(stage) is str:
+        if isinstance(stage, str):
             return self.in_stage(stage)._answer(*point, oil_temperature, None)
         if oil_temperature is None:
             few = self._answer_few(point, stage)
@@ -466,7 +470,7 @@ class EfficiencyModel:
         """
         point = (displacement_ratio, engine_speed, load_torque)
         efficiency: Any = self.efficiency(*point, oil_temperature, stage)
-        if type(efficiency) is float and self.correlation is not None:
+        if type(efficiency) is float:
             changes = []
             for steps, model in self.neighbours:
                 changed: Any = model.efficiency(*point, oil_temperature, stage)
@@ -566,9 +570,14 @@ class EfficiencyModel:
         self, prediction: Prediction, level: float = LEVEL
     ) -> tuple[Any, Any]:
         """Interval of a prediction that this model made; see `interval`."""
-        half = np.multiply(
-            prediction.standard_error, half_width(self.degrees_of_freedom, level)
-        )
+        width = half_width(self.degrees_of_freedom, level)
+        efficiency, error = prediction[:2]
+        if type(efficiency) is type(error) is float:
+            # NaN stays NaN: it comes first.
+            low = min(max(efficiency - error * width, 0.0), 1.0)
+            high = min(max(efficiency + error * width, 0.0), 1.0)
+            return low, high
+        half = np.multiply(error, width)
         low = np.clip(prediction.efficiency - half, 0.0, 1.0)
         high = np.clip(prediction.efficiency + half, 0.0, 1.0)
         return _plain(low), _plain(high)
@@ -987,12 +996,22 @@ def typical_model(
 
 def _as_floats(stroke: Any, speed: Any, load: Any) -> tuple[float, float, float]:
     """Return numbers of Python and NumPy as floats; NaN for anything else."""
-    if type(stroke) in _NUMBERS and type(speed) in _NUMBERS and type(load) in _NUMBERS:
+    are_numbers = (
+        type(stroke) in _NUMBERS and type(speed) in _NUMBERS and type(load) in _NUMBERS
+    )
+    if are_numbers or (_is_number(stroke) and _is_number(speed) and _is_number(load)):
         try:
             return float(stroke), float(speed), float(load)
         except OverflowError:
             pass  # an integer beyond any float is out of range too
     return math.nan, math.nan, math.nan
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number, or an array of numbers without a dimension."""
+    if type(value) is np.ndarray:
+        return value.ndim == 0 and value.dtype.kind in "fiu"
+    return type(value) in _NUMBERS
 
 
 def _in_range(stroke: float, speed: float, load: float) -> bool:

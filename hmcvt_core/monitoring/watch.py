@@ -17,7 +17,7 @@ from ..model.checks import require_model_and_samples
 from ..model.model import EfficiencyModel
 from ..model.staged_samples import stage_of_each
 from ..transmission.parameters import PAPER_EFFICIENCY_UNCERTAINTY
-from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array
+from ..transmission.ranges import EFFICIENCY_STD, ENGINE_SPEED_LIMITS, Array, Range
 from .change_test import FALSE_ALARMS, ChangeTest, step_size
 
 QUANTILE = 1.96
@@ -28,6 +28,7 @@ MIDDLE_LOAD = 200.0
 """Load torque in the middle of the paper's tests, where the plane of the base is centred [N m]."""
 PLANE_TERMS = 4
 """Level, and slopes over stroke, engine speed and load."""
+_CHANCE = Range("false_alarms", 1e-9, 0.5, "-", "a fraction, not percent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +165,13 @@ class Watch:
             false_alarms: chance over a whole stream.
 
         Raises:
-            InputError: the noise is out of range.
+            InputError: the noise or the chance is out of range.
         """
         if noise is not None:
             noise = float(EFFICIENCY_STD.check(noise, "noise"))
         self.model = model
         self._noise = noise
-        self._false_alarms = false_alarms
+        self._false_alarms = float(_CHANCE.check(false_alarms))
         self._prior = _prior_of(model)
         self._test = ChangeTest(self._prior, EFFICIENCY_CHANNEL.field_spreads)
         self._compared: deque[_Compared] = deque(maxlen=KEPT_SAMPLES)

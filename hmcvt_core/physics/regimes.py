@@ -79,6 +79,7 @@ class Regime(IntEnum):
     """The row turns the pump backward along its torque: the pump gives power."""
 
 
+_REGIMES = tuple(Regime)
 BACKWARD_REGIMES = (Regime.BACKWARD, Regime.BACKWARD_MOTORED)
 
 
@@ -171,6 +172,8 @@ class Quadrant:
         senses: of output and power.
 
     Attributes:
+        stage: as given.
+        given: parameters of the units.
         pump_on_row: whether the pump is on the row (output-coupled).
         reflection: sign of what is reflected.
         sense: sign of y.
@@ -179,7 +182,6 @@ class Quadrant:
         pump_ratios: a and c [-].
         flow_ratio: e at displacement ratio 1 [-]; negative where that slows the output.
         stiffness: K = V_m^2 / leakage [N m s/rad].
-        regimes: constants by `Regime`; a pump that is not on the row needs the first three.
         mechanical_load: G, engine torque per output torque over the mechanical path [-].
         pump_friction: c_fp [-].
         pump_damping: f_p [N m s/rad].
@@ -194,6 +196,8 @@ class Quadrant:
     ) -> None:
         units = stage.pump_motor
         engine_share, output_share = stage.pump_speed_ratios
+        self.stage = stage
+        self.given = parameters
         self.senses = senses
         self.pump_on_row = stage.layout == "output_coupled"
         self.sense: Any = 1 if self.pump_on_row else senses.power
@@ -214,16 +218,26 @@ class Quadrant:
         self._output_gears = passed(stage.output.efficiency, senses.power)
         self.mechanical_load: Any = self._mechanical_load(stage)
         self.pump_gears, self.backward_gears = self._pump_gears(stage)
-        self.regimes = [
-            self._regime(stage, parameters, regime)
-            for regime in Regime
-            if self.pump_on_row or regime < Regime.MOTORED
-        ]
+        self._constants: list[RegimeConstants | None] = [None] * len(Regime)
         self.stall_load: Any = -math.inf
         if not self.pump_on_row:
             m = self.mechanical_ratio
-            stall = m**2 * self.regimes[Regime.DRIVING].square
+            stall = m**2 * self.constants(Regime.DRIVING).square
             self.stall_load = np.where(m >= 0.0, stall, -math.inf)
+
+    @property
+    def regimes(self) -> list[RegimeConstants]:
+        """Constants by `Regime`; a pump that is not on the row needs the first three."""
+        regimes = _REGIMES if self.pump_on_row else _REGIMES[: Regime.MOTORED]
+        return [self.constants(regime) for regime in regimes]
+
+    def constants(self, regime: Regime) -> RegimeConstants:
+        """Return the constants of a regime, which are worked out when they are first needed."""
+        constants = self._constants[regime]
+        if constants is None:
+            constants = self._regime(regime)
+            self._constants[regime] = constants
+        return constants
 
     def _mechanical_load(self, stage: Stage) -> Any:
         """G: engine torque per output torque over the mechanical path."""
@@ -249,35 +263,41 @@ class Quadrant:
             (engine_share * backward[0], engine_share * backward[1]),
         )
 
-    def _regime(
-        self, stage: Stage, parameters: Parameters, regime: Regime
-    ) -> RegimeConstants:
+    def _regime(self, regime: Regime) -> RegimeConstants:
+        stage, parameters = self.stage, self.given
         units, signs = stage.pump_motor, SIGNS[regime]
         h, m = self.hydraulic_ratio, self.mechanical_ratio
         a, c = self.pump_ratios
         gear = stage.motor.efficiency**signs.motor / h
         brace: Any = 0.0
+        brace_drag: Any = 0.0
         if self.pump_on_row:
             # The row drives the output while the pump brakes the row, and drives it on while the
             # pump is driven by it.
             output_gears = passed(stage.output.efficiency, signs.pump * sign(c < 0.0))
             pump_gears = stage.pump.efficiency ** -(signs.pump * signs.turning)
             brace = -c * pump_gears * output_gears
+            brace_drag = brace * parameters.pump_damping
             friction = units.motor_friction * signs.pressure
         else:
             gear = gear * self._output_gears
             friction = units.motor_friction * signs.pressure * signs.motor
-        brace_drag = brace * parameters.pump_damping
+        motor = gear * (1.0 - friction)
         drag = gear * parameters.motor_damping
         stiff = self.stiffness * gear * (1.0 - friction)
-        level = (stiff + drag) * m / h + brace_drag * a
+        damped = stiff + drag
+        level = damped * m / h
+        square = damped / h
+        if self.pump_on_row:
+            level = level + brace_drag * a
+            square = square - brace_drag * c
         return RegimeConstants(
-            motor=gear * (1.0 - friction),
+            motor=motor,
             motor_drag=drag,
             brace=brace,
             brace_drag=brace_drag,
             pump=1.0 + units.pump_friction * signs.pressure * signs.turning,
-            square=(stiff + drag) / h - brace_drag * c,
+            square=square,
             level=0.5 * level,
             flow=0.5 * stiff * a,
         )
@@ -287,7 +307,7 @@ class Quadrant:
         """Displacement ratio at which the output stands without load [-]: B = 0."""
         a, c = self.pump_ratios
         # The regime in which the pump takes torque.
-        regime = self.regimes[Regime.REVERSED if c < 0.0 else Regime.DRIVING]
+        regime = self.constants(Regime.REVERSED if c < 0.0 else Regime.DRIVING)
         square = self.stiffness * regime.brace * (1.0 + self.pump_friction) * a
         inside = regime.flow * regime.flow - 2.0 * square * regime.level
         root = (inside * (inside > 0.0)) ** 0.5
@@ -319,7 +339,7 @@ class Quadrant:
         """
         torques = []
         for regime in (Regime.DRIVING, Regime.REVERSED):
-            constants = self.regimes[regime]
+            constants = self.constants(regime)
             brace = self.stiffness * constants.brace * (1.0 + self.pump_friction)
             square = 0.5 * brace * self.pump_ratios[0]
             torques.append(StartingTorque(constants.level, constants.flow, square))
@@ -382,7 +402,7 @@ class Quadrant:
 
     def drives(self, pressure: Any, output: Any) -> Any:
         """Whether a motor at the output drives it, M > 0."""
-        driving = self.regimes[Regime.DRIVING]
+        driving = self.constants(Regime.DRIVING)
         drag = driving.motor_drag * output / self.hydraulic_ratio
         return driving.motor * pressure > drag
 
@@ -392,6 +412,8 @@ class Quadrant:
         pump = self.pump_torque(ratio, output, pressure)
         mean, half = self.pump_gears
         torque = self.mechanical_load * load / output + mean * pump + half * abs(pump)
+        if not self.pump_on_row:
+            return torque
         backward = self.pump_speed(output) < 0.0
         if not np.any(backward):
             return torque
@@ -407,9 +429,10 @@ def _mean_and_half(first: float, second: float) -> tuple[float, float]:
 
 def sign(holds: Any) -> Any:
     """Return 1 where a condition holds, else -1; a plain number where it is the same everywhere."""
-    if np.all(holds):
+    holds = np.asarray(holds)
+    if holds.all():
         return 1
-    return np.where(holds, 1, -1) if np.any(holds) else -1
+    return np.where(holds, 1, -1) if holds.any() else -1
 
 
 def passed(efficiency: float, power_sense: Any) -> Any:

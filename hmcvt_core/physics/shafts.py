@@ -112,7 +112,6 @@ class Shafts(SteadyState):
         senses: Senses,
         resting: NDArray[np.bool_] | None = None,
     ) -> None:
-        self.stage = stage
         self._parameters = parameters
         self.effects = effects
         self.points = points
@@ -129,12 +128,12 @@ class Shafts(SteadyState):
                 self.viscosity = self.viscosity * effect.viscosity_ratio(
                     points.oil_temperature
                 )
-        self.given = Candidates(
+        warmed = Candidates(
             parameters.leakage / self.viscosity,
             parameters.motor_damping * film,
             parameters.pump_damping * film,
         )
-        super().__init__(stage, self.given, senses)
+        super().__init__(stage, warmed, senses)
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
         self.idle = self.load_power == 0.0

@@ -114,7 +114,7 @@ class SteadyState(Quadrant):
         return driving, driven
 
     def _root(self, regime: Regime, ratio: Array, load: Array) -> Array:
-        constants = self.regimes[regime]
+        constants = self.constants(regime)
         middle, product, square = self.quadratic(constants, ratio, load)
         root = middle + self.sense * np.sqrt(middle * middle - product)
         if not load.all():
@@ -189,7 +189,7 @@ class SteadyState(Quadrant):
         self, regime: Regime, output: Array, load: Array
     ) -> tuple[Array, Array, Any]:
         """Return pi, e and A that make an output speed in one regime."""
-        constants = self.regimes[regime]
+        constants = self.constants(regime)
         motor = (output - self.mechanical_ratio) / self.hydraulic_ratio
         pump = self.pump_speed(output)
         asked = load / output + constants.motor_drag * motor

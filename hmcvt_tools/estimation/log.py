@@ -19,6 +19,7 @@ from hmcvt_core.files.table import csv_text
 from hmcvt_core.model.engine import Engine
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.model.oil import without_oil_temperature
+from hmcvt_core.transmission.quantities import real_numbers
 from hmcvt_core.transmission.ranges import Array
 
 from ..logs.opening import open_log
@@ -176,6 +177,9 @@ def estimate(
     Raises:
         InputError: the log cannot be read, or its channels do not suffice.
     """
+    friction = None
+    if friction_torque is not None:
+        friction = 100.0 * float(real_numbers(friction_torque, "friction_torque"))
     with ExitStack() as stack:
         opened = log
         if not isinstance(opened, Log):
@@ -183,7 +187,7 @@ def estimate(
         stated = Stated(
             channels or {},
             reference_torque,
-            None if friction_torque is None else 100.0 * friction_torque,
+            friction,
             stage_names or {},
             group,
         )
@@ -264,13 +268,14 @@ def _condition_notes(
         )
     elif temperatures is None:
         notes.append(
-            "leakage and dampings do not follow the oil temperature of the log: the model does not "
-            "state the one of its identification (--identified-temperature says it)"
+            "cold or hot oil is not in the intervals, and leakage and dampings do not follow the "
+            "oil temperature of the log: the model does not state the one of its identification "
+            "(--identified-temperature says it)"
         )
     elif not model.states_errors:
         notes.append(
-            "leakage and dampings do not follow the oil temperature of the log: the model states "
-            "no errors of its parameters"
+            "cold or hot oil is not in the intervals, and leakage and dampings do not follow the "
+            "oil temperature of the log: the model states no errors of its parameters"
         )
     else:
         notes.append(
@@ -282,7 +287,9 @@ def _condition_notes(
     if settings.wear == 0.0:
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
-        notes.append("wear is not used: the model states no errors of its parameters")
+        notes.append(
+            "wear is not in the intervals: the model states no errors of its parameters"
+        )
     else:
         notes.append(
             f"by wear the leakage is taken as up to {100.0 * settings.wear:.0f} % above the "

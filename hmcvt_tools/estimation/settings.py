@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from hmcvt_core.errors import InputError
+from hmcvt_core.transmission.quantities import real_numbers
 from hmcvt_core.transmission.ranges import OIL_TEMPERATURE
 
 WEAR_IN_USE = 1.0
@@ -64,9 +66,10 @@ class EstimateSettings:
                 if value is not None:
                     OIL_TEMPERATURE.check(value, "settings")
                 continue
-            if not (math.isfinite(value) and value >= 0.0):
+            number = real_numbers(value, item.name)
+            if not (np.isfinite(number) & (number >= 0.0)).all():
                 raise InputError(
-                    f"{item.name} = {value:g}: a number of at least 0 is needed"
+                    f"{item.name} = {value}: a number of at least 0 is needed"
                 )
         if self.hydraulics_low > self.hydraulics_high:
             raise InputError(

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hmcvt_core.errors import InputError
-from hmcvt_core.transmission.ranges import Array
+from hmcvt_core.transmission.ranges import Array, Range
 from hmcvt_core.transmission.units import UNITS, kind_of
 
 from ..tables.header import RawTable
@@ -192,6 +192,12 @@ def _size_of(quantity: str, unit: str) -> tuple[float, float]:
     return to_si(kind_of(quantity), unit)
 
 
+_TORQUE_RANGES = (
+    Range("reference_torque", 10.0, 20000.0, "N m"),
+    Range("friction_torque", 0.0, 90.0, "%", "of the reference torque"),
+)
+
+
 @dataclass(frozen=True)
 class Stated:
     """What the user states of a log.
@@ -202,6 +208,9 @@ class Stated:
         friction_torque: friction of the engine [% of the reference]; None for that of the bus.
         stage_names: stage by what stands in its channel.
         group: group, run or bus that is read where several hold the same channels.
+
+    Raises:
+        InputError: a torque is no number or out of range.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -209,6 +218,12 @@ class Stated:
     friction_torque: float | None = None
     stage_names: Mapping[str, str] = field(default_factory=dict)
     group: str = ""
+
+    def __post_init__(self) -> None:
+        for limits in _TORQUE_RANGES:
+            value = getattr(self, limits.name)
+            if value is not None:
+                limits.check(value)
 
 
 def select(log: Log, stated: Stated) -> Selection:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hmcvt_core.transmission.ranges import Range
+
 from .cycle import STEP, Cycle
 from .moves import Moves, State
 from .points import NEUTRAL, SPEED_STEP, Drive, speed_grid, working_points
@@ -17,6 +19,8 @@ from .strategies import causal
 _CONTROL_STEP = (
     4.0 * SPEED_STEP
 )  # distance of engine speeds [rad/s]: an answer within 20 ms
+
+_STEP_RANGE = Range("step", 0.01, 60.0, "s")
 
 
 class Command(NamedTuple):
@@ -40,10 +44,16 @@ class Controller:
     Attributes:
         drive: the drive line.
         step: within which the drive line gets to what is chosen [s].
+
+    Raises:
+        InputError: the step is no number or out of range.
     """
 
     drive: Drive
     step: float = STEP
+
+    def __post_init__(self) -> None:
+        _STEP_RANGE.check(self.step)
 
     def choose(
         self,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hmcvt_core.errors import InputError
 from hmcvt_core.files import data_path
 from hmcvt_core.files.table import Table, read_plain
+from hmcvt_core.transmission.quantities import real_numbers
 from hmcvt_core.transmission.ranges import OUTPUT_SPEED, Array, Range
 from hmcvt_core.transmission.units import KIND_UNITS, plain_text
 
@@ -492,12 +493,16 @@ class _Grid:
 
     @classmethod
     def of(cls, rows: Array, step: float, source: str) -> _Grid:
-        if not step > 0.0:
+        if not real_numbers(step, "step") > 0.0:
             raise InputError(f"step = {step:g} s; needs a positive one")
         distances = np.diff(rows)
         usual = float(np.median(distances))
         length = float(rows[-1] - rows[0]) + usual
-        count = max(1, round(length / step))
+        if step > length:
+            raise InputError(
+                f"{source}: step = {step:g} s is longer than the cycle, {length:g} s"
+            )
+        count = round(length / step)
         if count > MAX_STEPS:
             raise InputError(
                 f"{source}: {length:.0f} s are {count} steps of {step:g} s; at most "

@@ -291,9 +291,10 @@ def test_nan_is_infinitely_bad():
             {"cooling": (0.9, 1.0)},
             r"cooling = \(0\.9, 1\.0\): need factors above 0 and below 1",
         ),
-        ({"moves": 0}, "moves = 0 is not at least 1"),
-        ({"chains": 0}, "chains = 0 is not at least 1"),
-        ({"rounds": 0}, "rounds = 0 is not at least 1"),
+        ({"moves": 0}, "moves = 0 is not a whole number of at least 1"),
+        ({"chains": 0}, "chains = 0 is not a whole number of at least 1"),
+        ({"moves": math.nan}, "moves = nan is not a whole number of at least 1"),
+        ({"rounds": 0}, "rounds = 0 is not a whole number of at least 1"),
     ],
 )
 def test_schedule_is_checked(settings, message):

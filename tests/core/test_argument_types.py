@@ -95,6 +95,14 @@ FRAME = SAMPLES.to_dataframe()
         (lambda: hmcvt.separable(MODEL, FRAME), "samples: BenchSamples is wanted"),
         (lambda: hmcvt.watch(SAMPLES, MODEL), "model: an EfficiencyModel is wanted"),
         (
+            lambda: hmcvt.watch(MODEL, SAMPLES, false_alarms=True),
+            "false_alarms = True is not a number",
+        ),
+        (
+            lambda: hmcvt.watch(MODEL, SAMPLES, false_alarms=float("nan")),
+            "false_alarms = nan is not finite",
+        ),
+        (
             lambda: hmcvt.load_model(MODEL),
             "path: the path of a parameter file is wanted, not an Eff",
         ),

@@ -1,20 +1,23 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """An estimate of a machine that is not as identified: cold oil, wear, working hydraulics."""
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cli.running import run
 
 import hmcvt_core as hmcvt
+import hmcvt_tools
 from hmcvt_core.errors import InputError
 from hmcvt_core.physics.effects.hydraulic import OilTemperature, walther_log_viscosity
 from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_tools.estimation import EstimateSettings
 from hmcvt_tools.estimation.condition import moves, outside_identified
-from hmcvt_tools.estimation.log import _drag_notes
+from hmcvt_tools.estimation.log import _condition_notes, _drag_notes
 from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
@@ -164,3 +167,28 @@ def test_drags_with_the_oil_are_noted(identified):
 def test_oil_temperature_of_settings_is_checked():
     with pytest.raises(InputError, match="oil_temperature"):
         EstimateSettings(oil_temperature=350.0)
+
+
+@pytest.mark.parametrize("temperature", [None, 60.0])
+@pytest.mark.parametrize("has_signal", [True, False])
+def test_notes_name_what_is_not_in_the_intervals(identified, has_signal, temperature):
+    model = replace(identified, standard_errors={}, correlation=None)
+    selection = SimpleNamespace(quantities={"oil_temperature"} if has_signal else set())
+    settings = EstimateSettings(oil_temperature=temperature)
+    notes = _condition_notes(selection, model, settings, 0.0)
+    for missing in ("cold or hot oil is", "wear is", "working hydraulics are"):
+        assert any(f"{missing} not in the intervals" in note for note in notes)
+
+
+@pytest.mark.parametrize("wrong", ["1", True, math.nan, -1.0])
+def test_numbers_of_settings_are_checked(wrong):
+    with pytest.raises(InputError, match="wear = "):
+        EstimateSettings(wear=wrong)
+
+
+@pytest.mark.parametrize("wrong", ["0.08", True, math.nan, 8.0])
+def test_a_friction_in_python_is_a_fraction(identified, tmp_path, wrong):
+    path = tmp_path / "drive.log"
+    path.write_text("(1.0) can0 0CF00400#FF7D7D000FFFFFFF\n")
+    with pytest.raises(InputError, match="friction_torque"):
+        hmcvt_tools.estimate(path, identified, friction_torque=wrong)

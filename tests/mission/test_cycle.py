@@ -1,12 +1,15 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Reading of work cycles: units, gaps, and what is wrong in a file."""
 
+import math
+
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import RPM
 from hmcvt_tools.mission import CYCLES, Vehicle, load_vehicle, read_cycle
+from hmcvt_tools.mission.vehicle import Limits
 from mission.drive_lines import DRIVE, cycle, written
 
 
@@ -120,6 +123,28 @@ def test_vehicle_files_are_checked(tmp_path):
     path.write_text("schema: hmcvt-vehicle/1\nmass: 6000\n")
     assert load_vehicle(path) == Vehicle(mass=6000.0)
     assert load_vehicle(hmcvt.data_path("params/vehicle.yaml")) == Vehicle()
+
+
+@pytest.mark.parametrize("wrong", ["0.08", True, math.nan, 8.0, -0.1])
+def test_vehicles_in_python_are_checked(wrong):
+    with pytest.raises(hmcvt.InputError, match="vehicle: slip = "):
+        Vehicle(slip=wrong)
+    with pytest.raises(hmcvt.InputError, match="limits: torque_reserve = "):
+        Limits(torque_reserve=wrong)
+
+
+def test_speeds_of_a_vehicle_in_python_are_in_si():
+    assert Vehicle(pto_speed_high=3000.0 * RPM).pto_speed_high == 3000.0 * RPM
+    with pytest.raises(hmcvt.InputError, match=r"outside 10\.472 to 314\.159 rad/s"):
+        Vehicle(pto_speed_high=2050.0)
+    with pytest.raises(hmcvt.InputError, match="engine_speed_low = 2300 r/min is not"):
+        Limits(engine_speed_low=2300.0 * RPM)
+
+
+@pytest.mark.parametrize("step", [1201.0, math.inf])
+def test_a_step_longer_than_the_cycle_is_refused(step):
+    with pytest.raises(hmcvt.InputError, match="is longer than the cycle, 1200 s"):
+        read_cycle("sowing", step=step)
 
 
 def test_other_units_of_a_vehicle_file(tmp_path):

@@ -162,7 +162,7 @@ int hmcvt_optimal_displacement_ratio_with(const hmcvt_parameters *parameters, in
 /*
  * Find the engine speed and displacement ratio of the least engine power at a held output.
  *
- * output_speed: ${output_speed_range}; negative backward.
+ * output_speed: ${output_speed_range}.
  * output_power: above 0 [W].
  * lowest_engine_speed, highest_engine_speed: limits, rising, ${engine_speed_range}.
  */
