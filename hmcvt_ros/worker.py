@@ -167,14 +167,14 @@ def _begin(shares: bool) -> None:
         shares: whether it takes a share of a busy processor. A process without privileges cannot
             leave the idle priority again.
     """
+    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while no other process wants to
+        # Set in either case: the policy of the node, which is inherited, may be a real-time one.
+        policy = os.SCHED_OTHER if shares else os.SCHED_IDLE
+        os.sched_setscheduler(0, policy, os.sched_param(0))
+    elif not shares:
+        os.nice(_LOWEST_PRIORITY)
     if shares:
         os.nice(_SHARING_PRIORITY)
-    elif hasattr(
-        os, "SCHED_IDLE"
-    ):  # Linux: compute only while no other process wants to
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    else:
-        os.nice(_LOWEST_PRIORITY)
     with suppress(OSError):  # on Linux only
         Path("/proc/self/oom_score_adj").write_text(_FIRST_OUT_OF_MEMORY)
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.

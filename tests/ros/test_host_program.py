@@ -21,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.node import EfficiencyNode
+from hmcvt_ros.state_folder import StateFolder
 from hmcvt_ros.worker import Worker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -219,3 +220,41 @@ def test_node_that_is_closed_says_so_and_still_answers(host, tmp_path):
     assert "the node was closed" in refit.result().message
     assert node.ticks == ticks
     executor.shutdown()
+
+
+def test_folder_is_free_although_a_forked_process_lives_on(tmp_path):
+    folder = StateFolder(tmp_path)
+    asked, told = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(told)
+        os.read(asked, 1)  # until the parent has ended its part
+        os._exit(0)
+    try:
+        folder.close()
+        StateFolder(tmp_path).close()
+    finally:
+        os.close(told)
+        os.waitpid(child, 0)
+        os.close(asked)
+
+
+def scheduling():
+    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.mark.parametrize("shares", [False, True])
+def test_worker_of_a_real_time_program_is_none_itself(shares):
+    worker = Worker()
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        pytest.skip("needs the permission to set a real-time priority")
+    try:
+        job = worker.submit(scheduling, 1024, shares=shares)
+        policy, nice = job.result(120.0)
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        worker.kill(wait=True)
+    assert policy == (os.SCHED_OTHER if shares else os.SCHED_IDLE)
+    assert nice == (5 if shares else 0) + os.getpriority(os.PRIO_PROCESS, 0)
