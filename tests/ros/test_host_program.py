@@ -18,6 +18,7 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.node import EfficiencyNode
@@ -258,3 +259,48 @@ def test_worker_of_a_real_time_program_is_none_itself(shares):
         worker.kill(wait=True)
     assert policy == (os.SCHED_OTHER if shares else os.SCHED_IDLE)
     assert nice == (5 if shares else 0) + os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "allow_undeclared_parameters",
+        "automatically_declare_parameters_from_overrides",
+    ],
+)
+def test_options_that_would_add_parameters_are_refused_by_name(option):
+    with pytest.raises(hmcvt.InputError, match=option):
+        EfficiencyNode(**{option: True})
+
+
+def test_main_module_that_is_imported_for_a_worker_makes_no_second_node(monkeypatch):
+    process = multiprocessing.current_process()
+    monkeypatch.setattr(process, "_inheriting", True, raising=False)
+    with pytest.raises(hmcvt.InputError, match="__main__"):
+        EfficiencyNode()
+
+
+def test_node_that_is_destroyed_during_a_job_ends_no_executor(host, tmp_path):
+    context, make = host
+    node = make("own", state_folder=str(tmp_path), samples_file="bench.csv")
+    shutil.copy(ROOT / "data" / "table2.csv", tmp_path / "bench.csv")
+    client = rclpy.create_node("client", context=context)
+    trigger = client.create_client(Trigger, "/own/hmcvt/diagnose")
+    executor = SingleThreadedExecutor(context=context)
+    for member in (node, client):
+        executor.add_node(member)
+    services = node._service_handlers
+    asked = []
+    deadline = time.monotonic() + 60.0
+    while not (services.job and services.job.working):
+        if not asked and trigger.service_is_ready():
+            asked.append(trigger.call_async(Trigger.Request()))
+        executor.spin_once(timeout_sec=0.1)
+        assert time.monotonic() < deadline
+    node.destroy_node()
+    for _ in range(5):
+        client.executor.wake()
+        executor.spin_once(timeout_sec=0.1)  # raises what a callback raises
+    assert node not in executor.get_nodes() and not asked[0].done()
+    executor.shutdown()
+    client.destroy_node()
