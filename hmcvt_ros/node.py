@@ -786,7 +786,8 @@ class EfficiencyNode(Node):
         """Read a bench sample and log it, or count it as refused."""
         try:
             message = read()
-            now = self.get_clock().now().nanoseconds * NANOSECONDS
+            # Zero before the first message on /clock: then, as for the ages, the wall clock.
+            now = self.get_clock().now().nanoseconds * NANOSECONDS or time.time()
             oil = self._inputs.oil_temperature(
                 self._ages.now(), self._settings.oil_age_limit
             )

@@ -421,8 +421,8 @@ class Services:
             hint = ""
             if status == _PYTHON_FAILED:
                 hint = (
-                    ", as stderr explains; the main module of a program with the node needs "
-                    'if __name__ == "__main__"'
+                    ", as stderr explains; the main module of a program with the node has to be a "
+                    'file with if __name__ == "__main__"'
                 )
             job.ended = (
                 job.ended or f"the worker process ended with status {status}{hint}"
