@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 import hmcvt_core as hmcvt
 from hmcvt_ros.node import EfficiencyNode
 from hmcvt_ros.state_folder import StateFolder
-from hmcvt_ros.worker import Worker
+from hmcvt_ros.worker import Worker, _begin
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -304,3 +304,28 @@ def test_node_that_is_destroyed_during_a_job_ends_no_executor(host, tmp_path):
     assert node not in executor.get_nodes() and not asked[0].done()
     executor.shutdown()
     client.destroy_node()
+
+
+def begin_with_threads(shares, answer):
+    ended = threading.Event()
+    thread = threading.Thread(target=ended.wait)
+    thread.start()
+    _begin(shares)
+    tasks = [thread.native_id, threading.get_native_id()]
+    policies = {os.sched_getscheduler(task) for task in tasks}
+    nices = {os.getpriority(os.PRIO_PROCESS, task) for task in tasks}
+    ended.set()
+    answer.put((policies, nices))
+
+
+@pytest.mark.parametrize("shares", [False, True])
+def test_threads_of_the_main_module_have_the_priority_of_the_worker(shares):
+    spawn = multiprocessing.get_context("spawn")
+    answer = spawn.Queue()
+    process = spawn.Process(target=begin_with_threads, args=(shares, answer))
+    process.start()
+    policies, nices = answer.get(timeout=120.0)
+    process.join()
+    nice = os.getpriority(os.PRIO_PROCESS, 0) + (5 if shares else 0)
+    assert policies == {os.SCHED_OTHER if shares else os.SCHED_IDLE}
+    assert nices == {nice}
