@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from hmcvt_tools import ONE_BLAS_THREAD
 
     from .node import EfficiencyNode
-    from .parameters import usage
+    from .parameters import applies_to, usage
 
     # For the worker process, which computes with one thread.
     os.environ.update(ONE_BLAS_THREAD)
@@ -84,6 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = _failed(_in_words(error))
         rclpy.try_shutdown()
         return code
+    name = node.get_fully_qualified_name()
+    for file in _parameter_files(given):
+        if not applies_to(file, name):
+            node.warn_of_start(
+                f"{file.name} has no parameters for {name.strip('/')}: its sections are of others"
+            )
     # What has been loaded stays; looking through it for garbage again and again delays answers.
     gc.freeze()
     return _run(node, signals)
@@ -114,6 +120,15 @@ def _require_domain() -> None:
         raise ValueError(f"ROS_DOMAIN_ID = {domain}; allowed 0 to {HIGHEST_DOMAIN}")
 
 
+def _parameter_files(arguments: Sequence[str]) -> list[Path]:
+    """Return the parameter files of a command line."""
+    return [
+        Path(name)
+        for option, name in itertools.pairwise(arguments)
+        if option == "--params-file"
+    ]
+
+
 def _require_parameter_files(arguments: Sequence[str]) -> None:
     """Refuse a parameter file that is a pipe: ROS reads it whenever it looks at the arguments.
 
@@ -126,10 +141,9 @@ def _require_parameter_files(arguments: Sequence[str]) -> None:
     Raises:
         ValueError: a file is no regular file.
     """
-    for option, name in itertools.pairwise(arguments):
-        path = Path(name)
-        if option == "--params-file" and path.exists() and not path.is_file():
-            raise ValueError(f"--params-file {name}: is no regular file")
+    for path in _parameter_files(arguments):
+        if path.exists() and not path.is_file():
+            raise ValueError(f"--params-file {path}: is no regular file")
 
 
 def _in_words(error: Exception) -> str:

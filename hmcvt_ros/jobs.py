@@ -1,6 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The heavy work of the node, a refit or a diagnosis, which runs in another process."""
 
+import hashlib
+import importlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -27,6 +29,7 @@ def with_proven(
     work: Callable[..., dict[str, Any]],
     promised: Promised,
     effects: str,
+    effects_checksum: str,
     **options: Any,
 ) -> dict[str, Any]:
     """Do a job on the model in service, once that has proved to be what was put there.
@@ -37,11 +40,37 @@ def with_proven(
         work: one of the jobs below.
         promised: files of the model in service and of the base, with their fingerprints.
         effects: module or file with effects of the user; empty for none.
+        effects_checksum: what `loaded_effects` gave for it at the start of the node.
         options: arguments of the job.
+
+    Raises:
+        HmcvtError: a file was changed; as of the job.
     """
-    if effects:  # this process has not loaded them
-        hmcvt.load_effects(effects)
+    # This process has not loaded them.
+    if loaded_effects(effects) != effects_checksum:
+        raise hmcvt.InputError(
+            f"effects_file: {effects} was changed after the start of the node, which computes by "
+            "what it was; start the node again"
+        )
     return work(model=proven(promised), **options)
+
+
+def loaded_effects(source: str) -> str:
+    """Load effects of the user, and return the checksum of their file; empty for no effects.
+
+    Args:
+        source: module or Python file; empty for none.
+
+    Raises:
+        InputError: as of `hmcvt_core.load_effects`.
+    """
+    if not source:
+        return ""
+    hmcvt.load_effects(source)
+    file = source
+    if not source.endswith(".py"):
+        file = str(importlib.import_module(source).__file__)
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 def reidentify(

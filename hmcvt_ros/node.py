@@ -8,6 +8,7 @@ lookup takes a millisecond, and everything longer runs in another process.
 
 import itertools
 import math
+import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,7 +35,6 @@ from hmcvt_core import (
     InputError,
     Watch,
     data_path,
-    load_effects,
     load_engine,
 )
 from hmcvt_core.interface import LOAD_TORQUE, OIL_TEMPERATURE, joined
@@ -56,6 +56,7 @@ from .inputs import (
     Tally,
     coasting,
 )
+from .jobs import loaded_effects
 from .maps import Maps
 from .model_store import ModelStore
 from .numbering import Numbers
@@ -89,6 +90,12 @@ _ONE_PUBLISHER = (
 )
 """Topics on which a second publisher is a mistake."""
 
+_REFUSED_OPTIONS = (
+    "allow_undeclared_parameters",
+    "automatically_declare_parameters_from_overrides",
+)
+"""Options of `rclpy.node.Node` with which everyone could add parameters, without end."""
+
 POINT_INVALID = "invalid"
 POINT_STALE = "stale"
 POINT_WITHOUT_STAGE = "no stage"
@@ -114,6 +121,20 @@ def _invalid_point() -> Iterator[None]:
         raise _PointError(POINT_INVALID, State.INVALID, str(error)) from None
 
 
+def _require_own_program() -> None:
+    """Refuse to be created while Python imports the main module for another process.
+
+    Raises:
+        InputError: it does, and the node would be there twice.
+    """
+    # The flag by which multiprocessing itself finds this mistake.
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise InputError(
+            "a process of refits imports the main module, which creates the node again: put the "
+            'main module under if __name__ == "__main__"'
+        )
+
+
 def _columns(samples: BenchSamples) -> tuple[str, ...]:
     """Return the names of the columns that samples have."""
     return (*samples.columns, *samples.extra)
@@ -136,6 +157,7 @@ class EfficiencyNode(Node):
     Attributes:
         guard: contains errors of callbacks.
         ticks: how often the timer has run.
+        start_warnings: what had no effect at the start; /diagnostics states it for good.
 
     Raises:
         InputError: a parameter is wrong, the model file cannot be used, or another node has the
@@ -149,9 +171,16 @@ class EfficiencyNode(Node):
             options: keyword arguments of `rclpy.node.Node`, such as `context`, `namespace` and
                 `parameter_overrides`.
         """
+        _require_own_program()
+        for name in _REFUSED_OPTIONS:
+            if options.get(name):
+                raise InputError(
+                    f"{name}: the node declares its parameters itself, and has no others"
+                )
         super().__init__("hmcvt", **{"enable_logger_service": True, **options})
         self._resources = ExitStack()
         self._process_id = os.getpid()
+        self.start_warnings: list[str] = []
         self._written = True  # what waited for the disk
         self._actions: Actions | None = None  # where hmcvt_msgs is installed
         try:
@@ -199,6 +228,9 @@ class EfficiencyNode(Node):
         self.close()
         if self._actions is not None:
             self._actions.destroy()
+        if self.executor is not None:
+            # It would resume requests that wait for a job, and they could not be answered.
+            self.executor.remove_node(self)
         super().destroy_node()
 
     # --- set-up -------------------------------------------------------------------------------
@@ -214,8 +246,7 @@ class EfficiencyNode(Node):
         self._lines = Log(self, self._public)
         self.guard = Guard(self, self._lines)
         self._follow_parameters()
-        if self._settings.effects_file:
-            load_effects(self._settings.effects_file)
+        effects_checksum = loaded_effects(self._settings.effects_file)
         self._state = StateFolder(folder)
         self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
@@ -255,6 +286,7 @@ class EfficiencyNode(Node):
             self._announce,
             self._lines,
             self._public,
+            effects_checksum,
         )
         self._resources.callback(self._service_handlers.close)
         kinds = interfaces.find("action", "Refit")
@@ -449,10 +481,8 @@ class EfficiencyNode(Node):
             publishers = self.count_publishers(self.resolve_topic_name(name))
             # A client that sends operating points alone lacks nothing.
             if item.stamp is None and publishers and self._inputs.asked is None:
-                warnings.append(
-                    f"{name}: nothing comes from {publishers} publisher(s); does their quality of "
-                    "service fit that of qos_overrides?"
-                )
+                warnings.append(f"{name}: nothing comes from {publishers} publisher(s)")
+        warnings += self._unheard()
         for name in _ONE_PUBLISHER:
             publishers = self.count_publishers(self.resolve_topic_name(name))
             if publishers > 1:
@@ -471,15 +501,35 @@ class EfficiencyNode(Node):
                 )
         return warnings
 
+    def _unheard(self) -> list[str]:
+        """Return why the node does not hear a publisher, of each topic the first one."""
+        reasons = []
+        for subscription in self.subscriptions:
+            topic = subscription.topic_name
+            for publisher in self.get_publishers_info_by_topic(topic):
+                reason = qos.misfit(publisher, subscription)
+                if reason:
+                    reasons.append(
+                        f"{topic}: {publisher.node_name} is not heard: {reason}"
+                    )
+                    break
+        return reasons
+
+    def warn_of_start(self, text: str) -> None:
+        """State in the log, and in /diagnostics for good, what had no effect at the start."""
+        self.start_warnings.append(text)
+        self._lines.warning(text)
+
     def _report_start(self) -> None:
         # ROS ignores misspelt names without a warning.
-        self._unknown_parameters = [
-            f"parameter {name} is unknown and has no effect"
-            for name in sorted(self._parameter_overrides)
-            if not self.has_parameter(name)
-        ]
+        for name in sorted(self._parameter_overrides):
+            if not self.has_parameter(name):
+                self.warn_of_start(f"parameter {name} is unknown and has no effect")
+        if self._settings.vehicle_file and not self._settings.engine_file:
+            self.warn_of_start(
+                "parameter vehicle_file has no effect without engine_file"
+            )
         for complaint in (
-            *self._unknown_parameters,
             self._state.complaint,
             self._store.complaint,
             self._log.complaint,
@@ -736,7 +786,8 @@ class EfficiencyNode(Node):
         """Read a bench sample and log it, or count it as refused."""
         try:
             message = read()
-            now = self.get_clock().now().nanoseconds * NANOSECONDS
+            # Zero before the first message on /clock: then, as for the ages, the wall clock.
+            now = self.get_clock().now().nanoseconds * NANOSECONDS or time.time()
             oil = self._inputs.oil_temperature(
                 self._ages.now(), self._settings.oil_age_limit
             )
@@ -841,9 +892,12 @@ class EfficiencyNode(Node):
         warnings = [
             self._ages.complaint,
             self._inputs.apart_reason,
-            *self._unknown_parameters,
+            *self.start_warnings,
             *self._graph_warnings(),
         ]
+        state, complaint = self._inputs.oil.state(now, self._settings.oil_age_limit)
+        if state is State.INVALID:
+            warnings.append(complaint)
         if self._engaged() is None:
             warnings.append(self._without_stage())
         if self._needs_oil() and self._oil(now) is None:

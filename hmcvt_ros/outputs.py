@@ -120,6 +120,7 @@ class Outputs:
         self._stroke = _NumberOutput(create_publisher, "optimal_displacement_ratio")
         self._speed = _NumberOutput(create_publisher, "optimal_engine_speed")
         self._stage = create_publisher(String, "optimal_stage", qos.OUTPUT)
+        self._stage_message = String()
         self._advice = create_publisher(JointState, "advice", qos.OUTPUT)
         # Filled again for every publication, as in `_NumberOutput`.
         self._advice_message = JointState(name=list(ADVICE))
@@ -153,7 +154,8 @@ class Outputs:
         _publish(self._stroke, best.displacement_ratio, settings)
         _publish(self._speed, best.engine_speed, settings)
         if best.stage is not None:
-            self._stage.publish(String(data=best.stage))
+            self._stage_message.data = best.stage
+            self._stage.publish(self._stage_message)
 
     def deny(self) -> None:
         """Publish NaN: there is no operating point to answer."""

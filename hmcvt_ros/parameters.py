@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -572,6 +574,8 @@ def _wrong_type(declaration: Declaration, given: Any) -> str:
     )
     if isinstance(declaration.default, float) and isinstance(given, int):
         return f"{text}; write {float(given)!r}, a whole number is another type in ROS"
+    if isinstance(declaration.default, float) and isinstance(given, str):
+        return f"{text}; where the locale has a decimal comma, set LC_NUMERIC=C"
     return text
 
 
@@ -592,6 +596,31 @@ def check_changes(node: Node, changes: Sequence[Parameter]) -> SetParametersResu
     except (InputError, TypeError) as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)
+
+
+def applies_to(path: Path, node: str) -> bool:
+    """Return whether a parameter file of ROS has a section for a node.
+
+    Args:
+        path: the file, which ROS has read.
+        node: full name of the node.
+    """
+    sections = _sections(yaml.safe_load(path.read_text(encoding="utf-8")))
+    return any(re.fullmatch(pattern, node) for pattern in sections)
+
+
+def _sections(content: Any, above: str = "") -> list[str]:
+    """Return the nodes that a part of a parameter file is for, as expressions of full names."""
+    patterns = []
+    for key, value in content.items() if isinstance(content, dict) else ():
+        name = f"{above}/{str(key).strip('/')}"
+        if isinstance(value, dict) and "ros__parameters" in value:
+            # As in rcl: ** stands for any namespaces, * for a part of a name.
+            pattern = re.escape(name).replace(r"/\*\*", "(/[^/]+)*")
+            patterns.append(pattern.replace(r"\*", "[^/]*"))
+        else:
+            patterns += _sections(value, name)
+    return patterns
 
 
 def usage() -> str:

@@ -5,8 +5,16 @@ import copy
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # Best effort also hears reliable publishers; a reliable subscription would miss best-effort ones.
 # No deadline: a subscription that asks for one refuses every publisher that offers none.
@@ -39,6 +47,18 @@ def overridable(profile: QoSProfile) -> dict[str, Any]:
             callback=_checked
         ),
     }
+
+
+def misfit(publisher: TopicEndpointInfo, subscription: Subscription) -> str:
+    """Return why a subscription does not hear a publisher on its topic; empty when it does."""
+    kind = subscription.msg_type
+    needed = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+    if publisher.topic_type != needed:
+        return f"it publishes {publisher.topic_type}; needs {needed}"
+    fit, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
+    if fit != QoSCompatibility.ERROR:
+        return ""
+    return str(reason).replace("ERROR: ", "").rstrip(";")
 
 
 def _checked(profile: QoSProfile) -> SetParametersResult:

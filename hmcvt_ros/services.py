@@ -37,6 +37,8 @@ REQUESTS_PER_SECOND = 50
 PROGRESS_EVERY = 1.0
 """Time between two messages about a running job [s]."""
 
+_PYTHON_FAILED = 1
+"""Exit status of a process of Python that an error ended."""
 _CANCELLED = "ended by ~/cancel"
 _GOAL_CANCELLED = "ended, because its goal was cancelled"
 
@@ -114,6 +116,7 @@ class Services:
         announce: Callable[[], None],
         lines: Log,
         public: PublicText,
+        effects_checksum: str,
     ) -> None:
         """Create the services.
 
@@ -126,8 +129,10 @@ class Services:
             announce: called after a change of model.
             lines: log of the node.
             public: what of a text may leave the machine.
+            effects_checksum: that of the file with effects, see `jobs.loaded_effects`.
         """
         self._node = node
+        self._effects_checksum = effects_checksum
         self._store = store
         self._log = log
         self._activity = activity
@@ -399,6 +404,7 @@ class Services:
             "work": work,
             "promised": self._store.promised,
             "effects": settings.effects_file,
+            "effects_checksum": self._effects_checksum,
             "samples": samples,
             "seed": settings.reidentify_seed,
             **options,
@@ -411,8 +417,15 @@ class Services:
             self.progress.report(job, "started", samples=samples.name)
             result: Data = await self._result_despite_load(job, running, given)
         except (BrokenProcessPool, CancelledError):
-            job.ended = job.ended or (
-                f"the worker process ended with status {self._worker.exit_status}"
+            status = self._worker.exit_status
+            hint = ""
+            if status == _PYTHON_FAILED:
+                hint = (
+                    ", as stderr explains; the main module of a program with the node has to be a "
+                    'file with if __name__ == "__main__"'
+                )
+            job.ended = (
+                job.ended or f"the worker process ended with status {status}{hint}"
             )
         except MemoryError:
             job.ended = (

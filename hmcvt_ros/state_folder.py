@@ -102,6 +102,9 @@ class StateFolder:
     def close(self) -> None:
         """Release the folder."""
         if self._handle is not None:
+            # A process that the program has forked holds the folder open too, and with it the lock.
+            with contextlib.suppress(OSError):
+                fcntl.flock(self._handle, fcntl.LOCK_UN)
             os.close(self._handle)
             self._handle = None
 

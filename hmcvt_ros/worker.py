@@ -167,14 +167,18 @@ def _begin(shares: bool) -> None:
         shares: whether it takes a share of a busy processor. A process without privileges cannot
             leave the idle priority again.
     """
-    if shares:
-        os.nice(_SHARING_PRIORITY)
-    elif hasattr(
-        os, "SCHED_IDLE"
-    ):  # Linux: compute only while no other process wants to
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    if hasattr(os, "SCHED_IDLE"):  # Linux: compute only while no other process wants to
+        # Set in either case: the policy of the node, which is inherited, may be a real-time one.
+        policy = os.SCHED_OTHER if shares else os.SCHED_IDLE
+        nice = os.getpriority(os.PRIO_PROCESS, 0)
+        # Linux counts threads as processes; the main module may have begun some, as NumPy does.
+        for task in map(int, os.listdir("/proc/self/task")):
+            with suppress(ProcessLookupError):  # it has just ended
+                os.sched_setscheduler(task, policy, os.sched_param(0))
+                if shares:
+                    os.setpriority(os.PRIO_PROCESS, task, nice + _SHARING_PRIORITY)
     else:
-        os.nice(_LOWEST_PRIORITY)
+        os.nice(_SHARING_PRIORITY if shares else _LOWEST_PRIORITY)
     with suppress(OSError):  # on Linux only
         Path("/proc/self/oom_score_adj").write_text(_FIRST_OUT_OF_MEMORY)
     # Ctrl-C in a terminal reaches every process of the group; the node decides what to do.

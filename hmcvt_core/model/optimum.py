@@ -174,10 +174,12 @@ def optimum(
         given.append(
             _held_output_speed(solver, engine, load, displacement_ratio, output_speed)
         )
-    *values, limit = np.frompyfunc(best, len(given), 6)(*given)
-    if np.ndim(limit):
-        values = [column.astype(float) for column in values]
-    stroke, efficiency, speed, torque, output = values
+    if any(np.ndim(values) for values in given):
+        *columns, limit = np.frompyfunc(best, len(given), 6)(*given)
+        columns = [column.astype(float) for column in columns]
+    else:  # in a third of the time, for a control loop waits
+        *columns, limit = best(*(value.item() for value in given))
+    stroke, efficiency, speed, torque, output = columns
     return Optimum(stroke, efficiency, speed, torque, output, hold, limit)
 
 

@@ -12,6 +12,7 @@ in a reply what the fault costs.
 
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,6 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,8 +34,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Int32, String
+from std_msgs.msg import Float32, Float64, Int32, Int64, String
 
 import hmcvt_core as hmcvt
 from examples.bench_player import BenchPlayer, bench_message
@@ -1139,6 +1142,677 @@ def _(bench: Bench) -> str:
         bench.reply("diagnose", success=True)
     bench.answers()
     return "refuses the refit with the reason"
+
+
+# --- files that a person has edited ---------------------------------------------------------------
+
+_EDITED = "files that a person has edited"
+_TABLE = (ROOT / "data" / "table2.csv").read_text()
+
+
+def _as_windows_saves(source: Path, target: Path) -> Path:
+    """Copy a text with a byte-order mark and CRLF."""
+    text = source.read_text().replace("\n", "\r\n")
+    target.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    return target
+
+
+def _restarted(bench: Bench) -> None:
+    bench.process.send_signal(signal.SIGINT)
+    bench.process.wait(20.0)
+    bench.player.model_text = None
+    bench.start()
+
+
+def _refitted(bench: Bench) -> None:
+    bench.start()
+    bench.send_table()
+    bench.reply("reidentify", success=True)
+
+
+def _model_lines() -> list[str]:
+    """Return the lines of a parameter file without its checksum."""
+    text = hmcvt.data_path("params/hm4.yaml").read_text()
+    return [line for line in text.splitlines() if not line.startswith("checksum")]
+
+
+def _leakage_edited(path: Path) -> None:
+    """Put another leading digit into the leakage of a parameter file."""
+    text = path.read_text()
+    edited = re.sub(r"(leakage:\s*\{?\s*value: )\d", r"\g<1>7", text, count=1)
+    require(edited != text, "there is no leakage to edit")
+    path.write_text(edited)
+
+
+def _rows_of_table() -> list[str]:
+    return [line for line in _TABLE.splitlines() if line and line[0] != "#"]
+
+
+def _with_samples_file(bench: Bench, text: str) -> None:
+    bench.state.mkdir()
+    (bench.state / "mine.csv").write_text(text)
+    bench.start(samples_file="mine.csv")
+
+
+@fault(_EDITED, "`model_file` is saved with CRLF and a byte-order mark")
+def _(bench: Bench) -> str:
+    source = hmcvt.data_path("params/hm4.yaml")
+    bench.start(model_file=_as_windows_saves(source, bench.folder / "unit.yaml"))
+    bench.answers(hmcvt.load_model(source))
+    return "serves as before"
+
+
+@fault(_EDITED, "`engine_file` and `vehicle_file` are saved so")
+def _(bench: Bench) -> str:
+    for name in ("engine.csv", "engine.yaml", "vehicle.yaml"):
+        _as_windows_saves(hmcvt.data_path(f"params/{name}"), bench.folder / name)
+    bench.start(
+        engine_file=bench.folder / "engine.yaml",
+        vehicle_file=bench.folder / "vehicle.yaml",
+        optimum_hold="output_speed",
+    )
+    bench.answers()
+    return "serves as before"
+
+
+@fault(_EDITED, "a line of `model_file` stands there twice, with two values")
+def _(bench: Bench) -> str:
+    lines = _model_lines()
+    place = next(i for i, line in enumerate(lines) if "leakage:" in line)
+    lines.insert(place, lines[place].replace("value: 3", "value: 9"))
+    path = bench.folder / "unit.yaml"
+    path.write_text("\n".join(lines))
+    return bench.refuses("leakage", model_file=path)
+
+
+@fault(_EDITED, "`model_file` holds the marks of a merge conflict")
+def _(bench: Bench) -> str:
+    lines = _model_lines()
+    lines[5:6] = ["<<<<<<< HEAD", lines[5], "=======", lines[5], ">>>>>>> other"]
+    path = bench.folder / "unit.yaml"
+    path.write_text("\n".join(lines))
+    return bench.refuses("unit.yaml", model_file=path)
+
+
+@fault(_EDITED, "`in_service.json` is saved with CRLF and a byte-order mark")
+def _(bench: Bench) -> str:
+    _refitted(bench)
+    path = bench.state / "in_service.json"
+    _as_windows_saves(path, path)
+    _restarted(bench)
+    bench.told("in_service.json")
+    bench.answers(hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")))
+    return "answers from `model_file`; WARN"
+
+
+@fault(_EDITED, "a number of the refit in service is edited")
+def _(bench: Bench) -> str:
+    _refitted(bench)
+    _leakage_edited(bench.state / "models" / "0001.yaml")
+    _restarted(bench)
+    bench.told("0001.yaml")
+    bench.answers(hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")))
+    return "answers from `model_file`; WARN"
+
+
+@fault(_EDITED, "the staged refit is edited, or deleted, before `~/adopt`")
+def _(bench: Bench) -> str:
+    bench.start(reidentify_mode="stage")
+    bench.send_table()
+    staged = bench.reply("reidentify", success=True)["file"]
+    _leakage_edited(bench.state / staged)
+    bench.reply("adopt", success=False, words=staged)
+    (bench.state / staged).unlink()
+    bench.reply("adopt", success=False, words=staged)
+    bench.answers(hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")))
+    return "answers as before; names the file"
+
+
+@fault(_EDITED, "the last number in `bench_samples.json` is 2^53 - 1")
+def _(bench: Bench) -> str:
+    bench.state.mkdir()
+    (bench.state / "bench_samples.json").write_text(
+        '{"last": 9007199254740991, "gone": []}'
+    )
+    _refitted(bench)
+    require(len(bench.rows()) == 8, f"{len(bench.rows())} of 8 rows")
+    bench.answers()
+    return "serves, logs and refits"
+
+
+@fault(_EDITED, "zero bytes within the bench log and at its end, as after a power cut")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    path = bench.state / "bench_samples.csv"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:4], bytes(300), *lines[4:], bytes(4096)]))
+    _restarted(bench)
+    bench.told("damaged lines taken out (line 5, 10)")
+    require(len(bench.rows()) == 7, f"{len(bench.rows())} of 7 rows")
+    bench.answers()
+    return "names the row; WARN"
+
+
+@fault(_EDITED, "two nodes write to one bench log by a hard link")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    folder = bench.folder / "linked"
+    folder.mkdir()
+    log = folder / "bench_samples.csv"
+    log.hardlink_to(bench.state / "bench_samples.csv")
+    other = Bench(bench.folder / "other", 1000)
+    bench._opened.callback(other.close)
+    other.folder.mkdir()
+    other.state = folder
+    other.start()
+    for number in range(8):
+        for sender, second in ((bench, 1000), (other, 2000)):
+            sample = bench_message(bench.table, number)
+            sample.header.stamp = Time(sec=second + number)
+            sender.player.send_sample(sample)
+    for receiver, second in ((bench, 1000), (other, 2000)):
+        stamps = {f"{second + number}.0" for number in range(8)}
+
+        def logged(receiver: Bench = receiver, stamps: set[str] = stamps) -> bool:
+            return stamps <= {row.split(",")[1] for row in receiver.rows()}
+
+        require(receiver.player.wait_until(logged, TOLD), "a sample is lost")
+    bench.answers()
+    return "logs each sample in its own file"
+
+
+@fault(_EDITED, "`samples_file` has efficiencies in percent")
+def _(bench: Bench) -> str:
+    head, *rows = (row.split(",") for row in _rows_of_table())
+    column = head.index("efficiency")
+    for row in rows:
+        row[column] = str(100.0 * float(row[column]))
+    _with_samples_file(bench, "\n".join(map(",".join, (head, *rows))))
+    bench.reply("reidentify", success=False, words="efficiency")
+    bench.answers()
+    return "refuses the refit with the reason"
+
+
+@fault(_EDITED, "`samples_file` has NaN in one cell")
+def _(bench: Bench) -> str:
+    rows = [row.split(",") for row in _rows_of_table()]
+    rows[3][1] = "nan"
+    _with_samples_file(bench, "\n".join(map(",".join, rows)))
+    bench.reply("reidentify", success=False, words="mine.csv")
+    bench.answers()
+    return "refuses the refit with the reason"
+
+
+@fault(_EDITED, "half of `samples_file` states an oil temperature")
+def _(bench: Bench) -> str:
+    head, *rows = _rows_of_table()
+    cells = [f"{row},{60 if i % 2 else ''}" for i, row in enumerate(rows)]
+    _with_samples_file(bench, "\n".join([f"{head},oil_temperature", *cells]))
+    bench.reply("reidentify", success=False, words="oil_temperature")
+    bench.answers()
+    return "refuses the refit with the reason"
+
+
+@fault(_EDITED, "`samples_file` is saved with semicolons, decimal commas and CRLF")
+def _(bench: Bench) -> str:
+    text = "\r\n".join(_rows_of_table())
+    _with_samples_file(bench, text.replace(",", ";").replace(".", ","))
+    data = bench.reply("reidentify", success=True)
+    require(data["samples"] == 8 and data["error_after"] < 0.03, str(data))
+    bench.answers()
+    return "reads the rows as they were"
+
+
+@fault(_EDITED, "`effects_file` is edited while the node runs")
+def _(bench: Bench) -> str:
+    path = bench.folder / "mine.py"
+    shutil.copy(ROOT / "examples" / "own_effect.py", path)
+    bench.start(effects_file=path)
+    bench.send_table()
+    path.write_text(f"{path.read_text()}# edited\n")
+    bench.reply("reidentify", success=False, words="mine.py was changed")
+    bench.answers()
+    return "answers as before; refuses the refit with the reason"
+
+
+@fault(_EDITED, "`models` is removed while a refit runs")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    reply = bench.player.request("reidentify")
+    models = bench.state / "models"
+    require(bench.player.wait_until(models.is_dir, 20.0), "no models")
+    shutil.rmtree(models)
+    require(bench.player.wait_until(reply.done, REPLY), "no reply")
+    require("models" in reply.result().message, reply.result().message)
+    bench.answers()
+    return "refuses the refit with the reason"
+
+
+@fault(_EDITED, "`state_folder` is a link to a folder that is not there")
+def _(bench: Bench) -> str:
+    bench.state.symlink_to(bench.folder / "elsewhere")
+    bench.start()
+    _serves_all(bench)
+    return "serves, logs and refits"
+
+
+@fault(_EDITED, "`state_folder` has 5000 characters")
+def _(bench: Bench) -> str:
+    path = bench.folder / "/".join(25 * [200 * "x"])
+    return bench.refuses("state_folder", state_folder=path)
+
+
+# --- further environments and starts --------------------------------------------------------------
+
+_FURTHER = "further environments and starts"
+
+
+def _serves_in(name: str, value: str) -> Callable[[Bench], str]:
+    def run(bench: Bench) -> str:
+        bench.start(environment={name: value})
+        _serves_all(bench)
+        return "serves, logs and refits"
+
+    return run
+
+
+for _name, _value in (
+    ("HOME", ""),
+    ("RCUTILS_COLORIZED_OUTPUT", "maybe"),
+    ("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{nonsense} {"),
+    ("FASTRTPS_DEFAULT_PROFILES_FILE", "/none.xml"),
+    ("FASTDDS_BUILTIN_TRANSPORTS", "PIGEON"),
+    ("ROS_AUTOMATIC_DISCOVERY_RANGE", "GALAXY"),
+    ("ROS_LOCALHOST_ONLY", "yes"),
+    ("PYTHONDEVMODE", "1"),
+    ("PYTHONMALLOC", "debug"),
+    ("OPENBLAS_NUM_THREADS", "many"),
+):
+    fault(_FURTHER, f"`{_name}={_value}`")(_serves_in(_name, _value))
+
+
+@fault(_FURTHER, "`ROS_STATIC_PEERS` names no address")
+def _(bench: Bench) -> str:
+    return bench.refuses("peer", environment={"ROS_STATIC_PEERS": "not/an address;;"})
+
+
+@fault(_FURTHER, "`HOME` names a folder that cannot be made")
+def _(bench: Bench) -> str:
+    bench.start(environment={"HOME": "/proc/none", "ROS_HOME": None}, state_folder="''")
+    bench.told("state_folder")
+    bench.answers()
+    return "answers; WARN: no logging"
+
+
+@fault(_FURTHER, "a parameter file has a section for another node, or is empty")
+def _(bench: Bench) -> str:
+    path = bench.folder / "p.yaml"
+    path.write_text("efficiency_node:\n  ros__parameters:\n    optimum_hold: none\n")
+    bench.start(("--params-file", str(path)))
+    bench.told("p.yaml has no parameters for", send=True)
+    bench.process.send_signal(signal.SIGINT)
+    bench.process.wait(20.0)
+    path.write_text("")
+    bench.start(("--params-file", str(path)))
+    bench.told("p.yaml has no parameters for", send=True)
+    bench.answers()
+    return "answers; WARN"
+
+
+@fault(_FURTHER, "a parameter file lacks `ros__parameters`, or has a tab")
+def _(bench: Bench) -> str:
+    path = bench.folder / "p.yaml"
+    path.write_text("/**:\n\tros__parameters:\n")
+    bench.refuses("p.yaml", ("--params-file", str(path)))
+    path.write_text("model_file: unit.yaml\n")
+    return bench.refuses("p.yaml", ("--params-file", str(path)))
+
+
+@fault(_FURTHER, "`vehicle_file` without `engine_file`")
+def _(bench: Bench) -> str:
+    bench.start(vehicle_file=hmcvt.data_path("params/vehicle.yaml"))
+    bench.told("vehicle_file has no effect", send=True)
+    bench.answers()
+    return "answers; WARN"
+
+
+@fault(_FURTHER, "a remapping is misspelt (`engin_speed:=/engine/speed`)")
+def _(bench: Bench) -> str:
+    bench.start(("-r", "engin_speed:=/engine/speed"))
+    bench.told("engine_speed: nothing received")
+    bench.answers()
+    return "silent; WARN: nothing received"
+
+
+for _words, _reason in (
+    (("--log-level", "loud"), "loud"),
+    (("-r", "__ns:=/a//b"), "a//b"),
+    (("-r", "__node:="), "__node"),
+    (("-r", f"__ns:=/{300 * 'n'}"), "too long"),
+    (("--log-config-file", "/none"), "/none"),
+    (("-p", "novalue"), "novalue"),
+    (("--enclave", "no slash"), "Enclave"),
+):
+    fault(_FURTHER, f"argument `{' '.join(_words)[:30]}`")(
+        partial(Bench.refuses, words=_reason, arguments=_words)
+    )
+
+
+@fault(_FURTHER, "the processors are busy, and the node has a real-time priority")
+def _(bench: Bench) -> str:
+    bench.start(launcher=("chrt", "-f", "20"))
+    bench.send_table()
+    with ExitStack() as busy:
+        for _ in range(os.cpu_count() or 1):
+            other = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            busy.callback(other.wait)
+            busy.callback(other.kill)
+        bench.reply("reidentify", success=True)
+        children = Path(
+            f"/proc/{bench.process.pid}/task/{bench.process.pid}/children"
+        ).read_text()
+        for child in children.split():
+            command = Path(f"/proc/{child}/cmdline").read_text()
+            policy = os.sched_getscheduler(int(child))
+            is_worker = "spawn_main" in command
+            require(not is_worker or policy != os.SCHED_FIFO, "so has the worker")
+    bench.answers()
+    return "serves, logs and refits"
+
+
+# --- more of a program that shares the process ----------------------------------------------------
+
+
+def _own_program(bench: Bench, *changes: tuple[str, str]) -> list[str]:
+    """Write a program with changes to its text; return its command line."""
+    text = _HOST.format(
+        before="pass",
+        after="pass",
+        namespace=bench.namespace,
+        parameters={"state_folder": str(bench.state)},
+    )
+    for before, after in changes:
+        text = text.replace(before, after)
+    program = bench.folder / "host.py"
+    program.write_text(text)
+    return [sys.executable, str(program)]
+
+
+@fault(_PROGRAM, 'the program has no `if __name__ == "__main__"`')
+def _(bench: Bench) -> str:
+    guarded = 'if __name__ == "__main__":\n    main()'
+    bench.start(command=_own_program(bench, (guarded, "main()")))
+    bench.send_table()
+    bench.reply("reidentify", success=False, words="__main__")
+    require("imports the main module" in bench.log, bench.log[-300:])
+    bench._log.write_text("")
+    bench.answers()
+    return "answers; refuses the refit with the reason"
+
+
+@fault(_PROGRAM, "the program comes from standard input")
+def _(bench: Bench) -> str:
+    python, program = _own_program(bench)
+    bench.start(command=["sh", "-c", f"exec {python} - < {program}"])
+    bench.send_table()
+    bench.reply("reidentify", success=False, words="has to be a file")
+    bench._log.write_text("")
+    bench.answers()
+    return "answers; refuses the refit with the reason"
+
+
+@fault(_PROGRAM, "`rclpy.spin_once` in a loop")
+def _(bench: Bench) -> str:
+    command = _own_program(
+        bench,
+        ("executor.add_node(node)", "pass"),
+        ("executor.spin()", "rclpy.spin_once(node, timeout_sec=0.05)"),
+    )
+    bench.start(command=command)
+    _serves_all(bench)
+    return "serves, logs and refits"
+
+
+def _refuses_option(option: str) -> Callable[[Bench], str]:
+    def run(bench: Bench) -> str:
+        command = _own_program(bench, ("namespace=", f"{option}=True, namespace="))
+        ended = subprocess.run(
+            command,
+            env=_environment(None),
+            capture_output=True,
+            text=True,
+            timeout=START,
+            check=False,
+        )
+        last = (ended.stderr.strip().splitlines() or [""])[-1]
+        require("InputError" in last and option in last, last)
+        return "refuses the option by name"
+
+    return run
+
+
+for _option in (
+    "allow_undeclared_parameters",
+    "automatically_declare_parameters_from_overrides",
+):
+    fault(_PROGRAM, f"`{_option}=True`")(_refuses_option(_option))
+
+
+@fault(_PROGRAM, "a process that the program has forked outlives the node")
+def _(bench: Bench) -> str:
+    bench.host(after="if os.fork() == 0:\n    time.sleep(60)\n    os._exit(0)")
+    bench.send_table()
+    _restarted(bench)
+    _serves_all(bench)
+    return "leaves the folder to the next node"
+
+
+@fault(_PROGRAM, "a callback of the program destroys the node during a refit")
+def _(bench: Bench) -> str:
+    bench.host(
+        after=(
+            "other = rclpy.create_node('other')\n"
+            "def fall():\n"
+            "    if os.path.exists('go'):\n"
+            "        os.unlink('go')\n"
+            "        node.destroy_node()\n"
+            "        print('DESTROYED', flush=True)\n"
+            "other.create_timer(0.2, fall)\n"
+            "executor.add_node(other)"
+        )
+    )
+    bench.send_table()
+    bench.player.request("reidentify")
+    bench.player.wait_until(lambda: "started" in bench.log, TOLD)
+    (bench.folder / "go").touch()
+    waited = bench.player.wait_until(lambda: "DESTROYED" in bench.log, 20.0)
+    require(waited, f"hangs: {bench.log[-300:]}")
+    bench.player.spin_for(1.0)
+    require(bench.process.poll() is None, f"the program ends: {bench.log[-300:]}")
+    require("Traceback" not in bench.log, bench.log[-300:])
+    return "ends the node and its refit; the program goes on"
+
+
+for _statement in (
+    "sys.setrecursionlimit(150)",
+    "import gc; gc.set_threshold(1)",
+    "import socket; socket.setdefaulttimeout(1e-3)",
+    "sys.setprofile(lambda *given: None)",
+    "os.umask(0o777)",
+):
+
+    def _disturbed(bench: Bench, statement: str = _statement) -> str:
+        bench.host(after=statement)
+        _serves_all(bench)
+        return "serves, logs and refits"
+
+    fault(_PROGRAM, f"`{_statement}`")(_disturbed)
+
+
+# --- more messages --------------------------------------------------------------------------------
+
+
+@contextmanager
+def _stranger(bench: Bench) -> Iterator[Node]:
+    """Make a node of a participant of its own, which may have other types of a topic."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node("stranger", namespace=bench.namespace, context=context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@fault(_MESSAGES, "the engine speed is published as Float32, the session as Int64")
+def _(bench: Bench) -> str:
+    bench.start()
+    with _stranger(bench) as node:
+        node.create_publisher(Float32, "engine_speed", qos.INPUT)
+        node.create_publisher(Int64, "session", qos.LATCHED)
+        bench.told("engine_speed: stranger is not heard: it publishes std_msgs")
+        bench.told("session: stranger is not heard: it publishes std_msgs/msg/Int64")
+    bench.answers()
+    return "answers; names the publisher and its type; WARN"
+
+
+@fault(_MESSAGES, "bench samples are published best effort")
+def _(bench: Bench) -> str:
+    bench.start()
+    with bench.other_node("stranger") as node:
+        node.create_publisher(JointState, "bench_sample", qos.INPUT)
+        bench.told("bench_sample: stranger is not heard", send=True)
+    bench.answers()
+    return "answers; names the publisher; WARN"
+
+
+@fault(_MESSAGES, "an oil temperature in kelvin, of a model without oil")
+def _(bench: Bench) -> str:
+    bench.start()
+    oil = bench.player.create_publisher(Float64, "oil_temperature", qos.INPUT)
+    bench.player.wait_until(oil.get_subscription_count, TOLD)
+    oil.publish(Float64(data=333.0))
+    bench.told("oil_temperature = 333 is outside", send=True)
+    bench.answers()
+    return "answers; WARN"
+
+
+@fault(_MESSAGES, "bytes that are no message on each plain topic of a program")
+def _(bench: Bench) -> str:
+    bench.host()
+    create = bench.player.create_publisher
+    names = ("engine_speed", "load_torque", "displacement_ratio", "oil_temperature")
+    publishers = [create(Float64, name, qos.INPUT) for name in names]
+    publishers.append(create(String, "stage", qos.LATCHED))
+    publishers.append(create(Int32, "session", qos.LATCHED))
+    for raw in (b"", b"\0", b"\0\1\0\0", b"\xff" * 11, b"\0\1\0\0\xff\xff\xff\x7f"):
+        for publisher in publishers:
+            with suppress(rclpy.exceptions.InvalidHandle):
+                publisher.publish(raw)
+        bench.player.spin_for(0.2)
+    bench.answers()
+    return "ignores them; answers"
+
+
+@fault(_MESSAGES, "parameters are deleted")
+def _(bench: Bench) -> str:
+    bench.start()
+    results = bench.set(
+        SetParameters,
+        "set_parameters",
+        **{
+            "optimum_hold": None,
+            "samples_file": None,
+            "engine_speed_limits": None,
+            "use_sim_time": None,
+            "qos_overrides./efficiency.publisher.depth": None,
+        },
+    )
+    require(not any(result.successful for result in results), "one is deleted")
+    require(all(result.reason for result in results), "one without a reason")
+    bench.answers()
+    return "refuses all, with the reason"
+
+
+@fault(_MESSAGES, "`engine_speed_limits` are neighbours of one number")
+def _(bench: Bench) -> str:
+    bench.start()
+    limits = [100.0, math.nextafter(100.0, 200.0)]
+    bench.player.map = None
+    (result,) = bench.set(SetParameters, "set_parameters", engine_speed_limits=limits)
+    require(result.successful, result.reason)
+    waited = bench.player.wait_until(lambda: bench.player.map is not None, TOLD)
+    require(waited, "no map")
+    bench.answers()
+    return "answers; publishes a map"
+
+
+@fault(_MESSAGES, "bench samples without a stamp, with `use_sim_time` and no /clock")
+def _(bench: Bench) -> str:
+    bench.start(use_sim_time=True)
+    bench.send_table()
+    stamps = hmcvt.read_bench(bench.state / "bench_samples.csv").stamp
+    assert stamps is not None
+    require(np.all(stamps > time.time() - START), f"stamps {stamps}")
+    bench.told("nothing came on /clock")
+    return "logs them with the wall clock; WARN"
+
+
+@fault(_MESSAGES, "/clock jumps to and fro by a year at 50 Hz")
+def _(bench: Bench) -> str:
+    bench.start(use_sim_time=True)
+    clock = bench.player.create_publisher(Clock, "/clock", 10)
+    bench.player.wait_until(clock.get_subscription_count, TOLD)
+
+    def run(seconds: Callable[[int], float]) -> None:
+        for number in range(100):
+            now = seconds(number)
+            message = Clock()
+            message.clock = Time(sec=int(now), nanosec=int(now % 1.0 * 1e9))
+            clock.publish(message)
+            bench.player.send_inputs(POINT)
+            bench.player.spin_for(0.02)
+
+    run(lambda number: 1e9 + 3.1e7 * (number % 2) + number)
+    bench.player.efficiencies.clear()
+    run(lambda number: 1.1e9 + 0.02 * number)
+    require(bench.player.efficiencies, "no answer on a steady clock")
+    return "answers once the clock is steady"
+
+
+@fault(_MESSAGES, "all services before anything else, and five during a refit")
+def _(bench: Bench) -> str:
+    bench.start()
+    for service in ("adopt", "revert", "cancel", "diagnose", "reidentify"):
+        bench.reply(service, success=False)
+    bench.send_table()
+    names = ("reidentify", "diagnose", "reidentify", "adopt", "revert", "clear_samples")
+    replies = [bench.player.request(name) for name in names]
+    bench.set(SetParameters, "set_parameters", samples_file="none.csv")
+
+    def answered() -> bool:
+        return all(reply.done() for reply in replies)
+
+    require(bench.player.wait_until(answered, REPLY), "one is not answered")
+    bench.answers()
+    return "answers each with the reason"
+
+
+@fault(_MESSAGES, "SIGTERM during a refit, with four requests waiting")
+def _(bench: Bench) -> str:
+    bench.start()
+    bench.send_table()
+    for service in ("reidentify", "diagnose", "clear_samples", "revert", "reidentify"):
+        bench.player.request(service)
+    bench.player.wait_until(lambda: "started" in bench.log, TOLD)
+    bench.process.send_signal(signal.SIGTERM)
+    code = bench.process.wait(15.0)
+    require(code == 0 and "Traceback" not in bench.log, f"{code}: {bench.log[-300:]}")
+    return "ends with code 0"
 
 
 # --- trial ----------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from ros_bench import file_limit
 
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.quantities import STORED
-from hmcvt_ros import jobs, recorder
+from hmcvt_ros import bench_log, jobs, recorder
 from hmcvt_ros.bench_log import BenchLog, require_intact, rows_of
 from hmcvt_ros.numbering import Numbers
 from studies.soak.edit_log import edited, trial
@@ -69,6 +69,30 @@ def test_full_log_refuses_and_set_aside_makes_room(path):
     log.write(rows_of(sample(3)))
     assert log.set_aside()[1] != kept
     assert len(hmcvt.read_bench(kept)) == 2
+
+
+def test_log_that_nobody_changed_is_not_read_row_by_row(path, monkeypatch):
+    log = filled(path, 3)
+    reads = []
+    read = bench_log._read
+
+    def counted(*given):
+        reads.append(given)
+        return read(*given)
+
+    monkeypatch.setattr(bench_log, "_read", counted)
+    log.check()
+    assert not reads and len(log) == 3
+    raw = bytearray(path.read_bytes())
+    raw[-5] ^= 1
+    path.write_bytes(raw)  # of the same size
+    log.check()
+    assert len(reads) == 1 and len(log) == 2 and "damaged" in log.recovered
+    log.check()
+    assert len(reads) == 1
+    log.write(rows_of(sample(7)))
+    log.check()
+    assert len(reads) == 1 and len(log) == 3
 
 
 def test_failed_write_leaves_the_log_as_it_was(path):

@@ -126,6 +126,11 @@ def test_oil_temperature_comes_by_a_topic_too(oil_node, ask, table2):
     assert oil_node.comes(
         lambda: oil_node.value("oil temperature [deg C]", "inputs") == "85.0"
     )
+    # In kelvin: no word of the model, which serves on, but of the topic.
+    topic.publish(Float64(data=358.0))
+    words = "oil_temperature = 358 is outside"
+    assert oil_node.reports(DiagnosticStatus.WARN, words, part="inputs")
+    topic.publish(Float64(data=85.0))
     # A bench sample takes it, unless it states another.
     player.send_sample(stating(message(table2, 0), pressure=2e7, session=3))
     player.send_sample(stating(message(table2, 1), oil_temperature=50.0))

@@ -18,10 +18,12 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.node import EfficiencyNode
-from hmcvt_ros.worker import Worker
+from hmcvt_ros.state_folder import StateFolder
+from hmcvt_ros.worker import Worker, _begin
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -219,3 +221,111 @@ def test_node_that_is_closed_says_so_and_still_answers(host, tmp_path):
     assert "the node was closed" in refit.result().message
     assert node.ticks == ticks
     executor.shutdown()
+
+
+def test_folder_is_free_although_a_forked_process_lives_on(tmp_path):
+    folder = StateFolder(tmp_path)
+    asked, told = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(told)
+        os.read(asked, 1)  # until the parent has ended its part
+        os._exit(0)
+    try:
+        folder.close()
+        StateFolder(tmp_path).close()
+    finally:
+        os.close(told)
+        os.waitpid(child, 0)
+        os.close(asked)
+
+
+def scheduling():
+    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.mark.parametrize("shares", [False, True])
+def test_worker_of_a_real_time_program_is_none_itself(shares):
+    worker = Worker()
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        pytest.skip("needs the permission to set a real-time priority")
+    try:
+        job = worker.submit(scheduling, 1024, shares=shares)
+        policy, nice = job.result(120.0)
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        worker.kill(wait=True)
+    assert policy == (os.SCHED_OTHER if shares else os.SCHED_IDLE)
+    assert nice == (5 if shares else 0) + os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "allow_undeclared_parameters",
+        "automatically_declare_parameters_from_overrides",
+    ],
+)
+def test_options_that_would_add_parameters_are_refused_by_name(option):
+    with pytest.raises(hmcvt.InputError, match=option):
+        EfficiencyNode(**{option: True})
+
+
+def test_main_module_that_is_imported_for_a_worker_makes_no_second_node(monkeypatch):
+    process = multiprocessing.current_process()
+    monkeypatch.setattr(process, "_inheriting", True, raising=False)
+    with pytest.raises(hmcvt.InputError, match="__main__"):
+        EfficiencyNode()
+
+
+def test_node_that_is_destroyed_during_a_job_ends_no_executor(host, tmp_path):
+    context, make = host
+    node = make("own", state_folder=str(tmp_path), samples_file="bench.csv")
+    shutil.copy(ROOT / "data" / "table2.csv", tmp_path / "bench.csv")
+    client = rclpy.create_node("client", context=context)
+    trigger = client.create_client(Trigger, "/own/hmcvt/diagnose")
+    executor = SingleThreadedExecutor(context=context)
+    for member in (node, client):
+        executor.add_node(member)
+    services = node._service_handlers
+    asked = []
+    deadline = time.monotonic() + 60.0
+    while not (services.job and services.job.working):
+        if not asked and trigger.service_is_ready():
+            asked.append(trigger.call_async(Trigger.Request()))
+        executor.spin_once(timeout_sec=0.1)
+        assert time.monotonic() < deadline
+    node.destroy_node()
+    for _ in range(5):
+        client.executor.wake()
+        executor.spin_once(timeout_sec=0.1)  # raises what a callback raises
+    assert node not in executor.get_nodes() and not asked[0].done()
+    executor.shutdown()
+    client.destroy_node()
+
+
+def begin_with_threads(shares, answer):
+    ended = threading.Event()
+    thread = threading.Thread(target=ended.wait)
+    thread.start()
+    _begin(shares)
+    tasks = [thread.native_id, threading.get_native_id()]
+    policies = {os.sched_getscheduler(task) for task in tasks}
+    nices = {os.getpriority(os.PRIO_PROCESS, task) for task in tasks}
+    ended.set()
+    answer.put((policies, nices))
+
+
+@pytest.mark.parametrize("shares", [False, True])
+def test_threads_of_the_main_module_have_the_priority_of_the_worker(shares):
+    spawn = multiprocessing.get_context("spawn")
+    answer = spawn.Queue()
+    process = spawn.Process(target=begin_with_threads, args=(shares, answer))
+    process.start()
+    policies, nices = answer.get(timeout=120.0)
+    process.join()
+    nice = os.getpriority(os.PRIO_PROCESS, 0) + (5 if shares else 0)
+    assert policies == {os.SCHED_OTHER if shares else os.SCHED_IDLE}
+    assert nices == {nice}

@@ -5,9 +5,11 @@ import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from ros_bench import GOOD
+from ros_bench import GOOD, send_table
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
+
+import hmcvt_core as hmcvt
 
 pytestmark = pytest.mark.slow
 
@@ -83,6 +85,12 @@ def test_ages_follow_the_wall_clock_without_a_clock(node):
     )
     assert node.player.hold(GOOD).efficiency is not None
     assert warns(node, COMPLAINT)
+
+
+def test_sample_without_a_stamp_has_the_time_of_the_wall_clock(node, table2):
+    send_table(node, table2)
+    stamps = hmcvt.read_bench(node.bench_file).stamp
+    assert stamps.min() > time.time() - 60.0
 
 
 def test_first_clock_ends_the_warning(node, clock):

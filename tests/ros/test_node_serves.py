@@ -4,6 +4,7 @@
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -390,6 +391,8 @@ TIPPED = GOOD._replace(engine_speed=200.0)  # where its block tips
 
 def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, table2):
     path = tmp_path / "tipping.yaml"
+    effect = tmp_path / "own_effect.py"
+    shutil.copy(EXAMPLE, effect)
     data = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).to_mapping()
     data["effects"] = [
         {
@@ -401,7 +404,7 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
         }
     ]
     path.write_text(yaml.safe_dump(data))
-    node = start_node(path, effects_file=EXAMPLE)
+    node = start_node(path, effects_file=effect)
     answer = node.player.hold(TIPPED).efficiency
     told = subprocess.run(  # in a process of its own: a class stays in the library for good
         [
@@ -435,3 +438,6 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
     send_table(node, table2)
     _, found = node.player.call("reidentify")  # in the worker, which has to know it too
     assert found["samples"] == 8, found
+    effect.write_text(f"{effect.read_text()}# edited\n")
+    done, found = node.player.call("reidentify")
+    assert not done and "own_effect.py was changed after the start" in found["error"]

@@ -9,6 +9,7 @@ import yaml
 
 import hmcvt_core as hmcvt
 import hmcvt_ros
+from hmcvt_ros import parameters
 from hmcvt_ros.parameters import PARAMETERS, Settings
 
 FILE = Path(hmcvt_ros.__file__).parent / "config" / "hmcvt.yaml"
@@ -91,3 +92,30 @@ def test_every_command_can_be_loaded():
         if entry.value.startswith("hmcvt_") and callable(entry.load())
     }
     assert names == {"hmcvt", "hmcvt-node", "efficiency_node"}
+
+
+@pytest.mark.parametrize(
+    ("section", "node", "applies"),
+    [
+        ("/**", "/hmcvt", True),
+        ("hmcvt", "/hmcvt", True),
+        ("hmcvt", "/tractor1/hmcvt", False),
+        ("/tractor1/hmcvt", "/tractor1/hmcvt", True),
+        ("/**/hmcvt", "/hmcvt", True),
+        ("/*/hmcvt", "/hmcvt", False),
+        ("/*", "/hmcvt", True),
+        ("efficiency_node", "/hmcvt", False),
+        ("tractor1:\n  hmcvt", "/tractor1/hmcvt", True),
+    ],
+)
+def test_section_of_a_parameter_file(section, node, applies, tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        f"{section}:\n    ros__parameters: {{optimum_hold: engine_speed}}\n"
+    )
+    assert parameters.applies_to(path, node) == applies
+
+
+def test_empty_parameter_file_applies_to_nothing(tmp_path):
+    (tmp_path / "p.yaml").touch()
+    assert not parameters.applies_to(tmp_path / "p.yaml", "/hmcvt")

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_bench import GOOD, Shim, command, send_table
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float32, Float64, Int32
 
 import hmcvt_core as hmcvt
 from hmcvt_ros.public_text import PublicText
@@ -246,3 +248,38 @@ def test_folders_with_spaces_do_not_leave_the_machine(tmp_path):
     ):
         assert public(text) == shown
         assert public.names_folders(text) == (text != shown)
+
+
+def test_what_has_no_effect_at_the_start_is_told(start_node, paper_file, tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        "efficiency_node:\n  ros__parameters:\n    optimum_hold: output_speed\n"
+    )
+    node = start_node(
+        paper_file,
+        arguments=("--params-file", str(tmp_path / "mine.yaml")),
+        vehicle_file=hmcvt.data_path("params/vehicle.yaml"),
+    )
+    words = (
+        f"mine.yaml has no parameters for {node.namespace.strip('/')}/hmcvt",
+        "vehicle_file has no effect without engine_file",
+    )
+    assert node.reports(DiagnosticStatus.WARN, *words, part="inputs", send=GOOD)
+
+
+def test_publishers_that_cannot_be_heard_are_told(start_node, paper_file):
+    node = start_node(paper_file)
+    stranger = Node("stranger", context=node.player.context, namespace=node.namespace)
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    stranger.create_publisher(Float32, "oil_temperature", 1)
+    stranger.create_publisher(Int32, "session", 1)
+    stranger.create_publisher(JointState, "bench_sample", best_effort)
+    words = (
+        "oil_temperature: stranger is not heard: it publishes std_msgs/msg/Float32",
+        "session: stranger is not heard: Volatile publisher",
+        "bench_sample: stranger is not heard: Best effort publisher",
+    )
+    assert node.reports(
+        DiagnosticStatus.WARN, *words, part="inputs", send=GOOD, timeout=20.0
+    ), node.status("inputs")
+    stranger.destroy_node()
+    assert node.reports(DiagnosticStatus.OK, part="inputs", send=GOOD, timeout=20.0)
