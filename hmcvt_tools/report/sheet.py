@@ -182,7 +182,11 @@ def _fit_lines(diagnosis: Diagnosis, date: datetime.date) -> list[str]:
     fingerprint = getattr(diagnosis.model, "fingerprint", None)
     if fingerprint is not None:
         files.append(f"model {fingerprint}")
-    return [fit, ", ".join(files)]
+    lines = [fit, ", ".join(files)]
+    if diagnosis.left_out:
+        left_out = words.listed(diagnosis.left_out, "and")
+        lines.append(f"Left out as tests that stand apart: {left_out}")
+    return lines
 
 
 def _file_name(source: object) -> str:
