@@ -110,6 +110,9 @@ def command(
     sound = None
     if baseline is not None:
         sound = study.read(baseline, "baseline.csv", stages)
+        # Before the work: minutes pass, and the wrong file is soon taken.
+        for note in study.compare(samples, sound):
+            click.echo(f"warning: {note}", err=True)
     # A line for each step: minutes pass.
     with common.Progress("study", every=0.0) as progress:
         progress("gear train")
@@ -156,6 +159,7 @@ class _Study:
         self.steps: list[StudyStep] = []
         self.refusals: list[str] = []
         self._left_out: list[str] = []
+        self._shared: list[str] = []
         self._noise = noise
         self._seed = seed
         self._averaged = averaged
@@ -187,7 +191,9 @@ class _Study:
             imported, lines = _imported(path, self._averaged, self._skip_bad)
             samples = imported.samples
             if imported.left_out:
-                self._left_out.append(_left_out_note(path, imported.left_out))
+                self._left_out.append(
+                    _left_out_note(Path(path).name, imported.left_out)
+                )
         samples, note = self._with_signs(samples, stages)
         if note:
             lines.append(note)
@@ -209,6 +215,12 @@ class _Study:
                 f"{samples.source}: {problems} (--correct-signs does so here)"
             )
         return corrected, f"Signs corrected: {problems}."
+
+    def compare(self, samples: BenchSamples, sound: BenchSamples) -> list[str]:
+        """Return notes on tests and days that both benches share."""
+        notes = transmission.shared_test_notes(samples, sound)
+        self._shared += notes
+        return notes
 
     def check_gears(self, stages: Sequence[Stage]) -> None:
         """Check the gear train and draw its power paths."""
@@ -269,6 +281,7 @@ class _Study:
             baseline=sound,
         )
         diagnosis = self._with_left_out(diagnosis)
+        remarks = (*self._left_out, *self._shared)
         progress("report and maps")
         save_model(diagnosis.model, self.folder / "diagnosed.yaml")
         added = handed_over(diagnosis) or "no effect"
@@ -278,7 +291,7 @@ class _Study:
             ("report.html", "the whole diagnosis, with maps and residuals"),
         ):
             files += self._write(
-                name, meaning, lambda path: write_report(diagnosis, path)
+                name, meaning, lambda path: write_report(diagnosis, path, remarks)
             )
         files += self._write(
             "gap.svg",
@@ -417,14 +430,14 @@ def _imported(path: str, averaged: bool, skip_bad: bool) -> tuple[Imported, list
     return imported, lines
 
 
-def _left_out_note(path: str, rows: Sequence[str]) -> str:
+def _left_out_note(name: str, rows: Sequence[str]) -> str:
     """Return a note that names rows of a table that were left out.
 
     Args:
-        path: of the table.
+        name: of the table.
         rows: each with the reason.
     """
     shown = "; ".join(rows[:NAMED_SAMPLES])
     if len(rows) > NAMED_SAMPLES:
         shown += f"; and {len(rows) - NAMED_SAMPLES} more"
-    return f"left out of {path}: {shown}"
+    return f"left out of {name}: {shown}"

@@ -102,8 +102,9 @@ class Accuracy(NamedTuple):
         """Return the accuracy as one sentence."""
         return (
             f"effects as tables of {self.nodes} nodes ({self.kilobytes:.0f} KB): efficiency "
-            f"within {self.bound:.1e} at {100.0 * COVERAGE:g} % of {MEASURED_POINTS} random "
-            f"points, {self.largest:.1e} the largest of them (a sample, not a bound); "
+            f"within {self.bound:.1e} ({100.0 * self.bound:.2g} percentage points) at "
+            f"{100.0 * COVERAGE:g} % of {MEASURED_POINTS} random points, {self.largest:.1e} the "
+            "largest of them (a sample, not a bound); "
             f"output speed within {self.speed:.1e} of the engine speed; at "
             f"{100.0 * self.differing:.2f} % of the points, next to a stall, either the model or "
             "the tables have no answer"

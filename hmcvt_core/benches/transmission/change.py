@@ -74,7 +74,7 @@ def diagnose_change(
             `diagnose_system`.
     """
     _check_machine(model, samples, baseline)
-    notes = _shared_test_notes(samples, baseline)
+    notes = shared_test_notes(samples, baseline)
     tables = [samples, baseline]
     if holdout is not None:
         tables.append(holdout)
@@ -118,8 +118,12 @@ def _check_machine(
     )
 
 
-def _shared_test_notes(samples: BenchSamples, baseline: BenchSamples) -> list[str]:
+def shared_test_notes(samples: BenchSamples, baseline: BenchSamples) -> list[str]:
     """Say which tests of samples are in the baseline too, and which days both were measured on.
+
+    Args:
+        samples: of the transmission as it is now.
+        baseline: of the same transmission when it was sound.
 
     Raises:
         InputError: all tests are in the baseline too.
