@@ -254,7 +254,7 @@ noise_option = click.option(
     "--noise",
     type=fraction,
     metavar="STD",
-    help="Standard deviation of the efficiency, 0.004 or 0.4%.  [default: "
+    help="Standard deviation of the efficiency, 0.004 or 0.4% for 0.4 points.  [default: "
     "column efficiency_std, else repeated points, else 1.12 % of the efficiency]",
 )
 # What meters show at either shaft.

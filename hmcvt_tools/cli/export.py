@@ -17,6 +17,15 @@ from .common import Answer
 
 FORMATS = ("c", "fmu", "mat")
 
+# For every command that exports; None where left out, which means `BOUND`.
+bound_option = click.option(
+    "--bound",
+    type=common.fraction,
+    metavar="ERROR",
+    help="Of a model with effects: error of the efficiency that their tables may make, 0.002 "
+    "or 0.2% for 0.2 points.  [default: 0.2%]",
+)
+
 
 @common.command(
     "export",
@@ -58,13 +67,7 @@ FORMATS = ("c", "fmu", "mat")
     type=click.Choice(("2", "3")),
     help="Version of the standard that the FMU follows.  [default: 2]",
 )
-@click.option(
-    "--bound",
-    type=common.fraction,
-    metavar="ERROR",
-    help="Of a model with effects: error of the efficiency that their tables may make, 0.002 "
-    "or 0.2%.  [default: 0.2%]",
-)
+@bound_option
 def command(
     params: str | None,
     kind: str,

@@ -29,6 +29,10 @@ _STAMP_UNITS = "a number or a date; UNIT may be dmy or mdy"
 _HIDDEN = ("torque_loss", "engine_power", "efficiency_std")
 """Quantities whose options are not in --help: a question names them where one is needed."""
 
+skip_bad_option = click.option(
+    "--skip-bad", is_flag=True, help="Leave out rows that hold no test."
+)
+
 
 def _quantity_options() -> Callable[[common.Function], common.Function]:
     """Return one option for each quantity, and one for the stage."""
@@ -117,7 +121,7 @@ def _quantity_options() -> Callable[[common.Function], common.Function]:
 @click.option(
     "--yes", is_flag=True, help="Take the proposal, where nothing in it is open."
 )
-@click.option("--skip-bad", is_flag=True, help="Leave out rows that hold no test.")
+@skip_bad_option
 @click.option(
     "--averaged",
     is_flag=True,

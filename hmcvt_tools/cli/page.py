@@ -7,6 +7,7 @@ from ..export.effect_tables import BOUND
 from ..export.page import write_page
 from . import common
 from .common import Answer
+from .export import bound_option
 
 
 @common.command(
@@ -23,15 +24,8 @@ from .common import Answer
     metavar="PAGE.html",
     help="File to write.",
 )
-@click.option(
-    "--bound",
-    type=common.fraction,
-    default=BOUND,
-    metavar="ERROR",
-    help="Of a model with effects: error of the efficiency that their tables may make.  "
-    "[default: 0.2%]",
-)
-def command(params: str, out: str, bound: float) -> Answer:
+@bound_option
+def command(params: str, out: str, bound: float | None) -> Answer:
     """Write a page to play with the model: sliders, map, optimum, losses by part.
 
     One file below 1 MB that needs no network; the browser computes with the equations of the
@@ -39,7 +33,7 @@ def command(params: str, out: str, bound: float) -> Answer:
     """
     common.keep_inputs([params], [out])
     model = common.model_from(params)
-    accuracy = write_page(model, out, bound)
+    accuracy = write_page(model, out, BOUND if bound is None else bound)
     common.note_oil_temperature(model)
     value = {
         "path": out,

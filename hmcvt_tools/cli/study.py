@@ -6,6 +6,7 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import click
 from hmcvt_core.benches import transmission
 from hmcvt_core.diagnosis import Diagnosis
 from hmcvt_core.diagnosis.results.sentences import handed_over
+from hmcvt_core.diagnosis.settings import NAMED_SAMPLES
 from hmcvt_core.errors import HmcvtError, InputError
 from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
@@ -26,15 +28,20 @@ from hmcvt_core.transmission.check import check_stages
 from hmcvt_core.transmission.ranges import REQUIRED_COLUMNS
 from hmcvt_core.transmission.stage import Stage
 
-from ..export import export_c, export_fmu
+from ..export.c_folder import write_c
+from ..export.c_model import BOUND_RANGE, c_model
+from ..export.effect_tables import BOUND, BoundError
+from ..export.fmu import write_fmu
 from ..report import write_report
 from ..report.gap_map import draw_gap
 from ..report.pictures import draw_fit, save
 from ..report.power_paths import draw_power_paths
 from ..report.study import StudyFile, StudyStep, study_page
-from ..tables.raw import choose_columns, import_table
+from ..tables.raw import Imported, choose_columns, import_table
 from . import common
 from .common import Answer
+from .export import bound_option
+from .import_table import skip_bad_option
 
 PAGE = "index.html"
 
@@ -46,6 +53,8 @@ PAGE = "index.html"
   hmcvt study TABLE.xlsx GEARS.yaml --averaged --out study
   hmcvt study LATER.csv GEARS.yaml --baseline SOUND.csv --out year""",
     common.noise_option,
+    skip_bad_option,
+    bound_option,
     common.seed_option,
 )
 @click.argument("bench", metavar="BENCH")
@@ -79,8 +88,10 @@ def command(
     folder: str,
     baseline: str | None,
     noise: float | None,
+    bound: float | None,
     seed: int,
     averaged: bool,
+    skip_bad: bool,
     correct_signs: bool,
 ) -> Answer:
     """Go from a bench and the gears to model, cause, next test and code, in one folder.
@@ -90,24 +101,31 @@ def command(
     the rest. A step that is not possible, such as an FMU without a C compiler, is named there; the
     others go on.
     """
-    study = _Study(Path(folder), noise, seed, averaged, correct_signs)
+    error = BOUND if bound is None else bound
+    BOUND_RANGE.check(error)
+    study = _Study(Path(folder), noise, seed, averaged, skip_bad, correct_signs)
     stages = load_stages(gears)
     study.make_folder()
-    with common.Progress("study") as progress:
-        progress("bench")
-        samples = study.read(bench, "bench.csv", stages)
-        sound = None
-        if baseline is not None:
-            sound = study.read(baseline, "baseline.csv", stages)
+    samples = study.read(bench, "bench.csv", stages)
+    sound = None
+    if baseline is not None:
+        sound = study.read(baseline, "baseline.csv", stages)
+        # Before the work: minutes pass, and the wrong file is soon taken.
+        for note in study.compare(samples, sound):
+            click.echo(f"warning: {note}", err=True)
+    # A line for each step: minutes pass.
+    with common.Progress("study", every=0.0) as progress:
+        progress("gear train")
         study.check_gears(stages)
         progress("model")
         fit = study.identify(samples if sound is None else sound, stages)
-        progress("diagnosis")
-        diagnosis = study.diagnose(fit.model, samples, sound)
-        progress("export")
-        study.export(diagnosis.model)
+        diagnosis = study.diagnose(fit.model, samples, sound, progress)
+        progress("C and FMU")
+        study.export(diagnosis.model, error)
     page = study_page(Path(gears).stem, diagnosis, study.steps, datetime.date.today())
     write_atomically(study.folder / PAGE, page)
+    for line in study.refusals:
+        click.echo(f"note: {line}", err=True)
     return study.answer(diagnosis)
 
 
@@ -119,7 +137,13 @@ class _Study:
         noise: standard deviation of the efficiency [-], or None.
         seed: of every random number.
         averaged: whether every row of a table is a test.
+        skip_bad: whether rows of a table that hold no test are left out.
         correct_signs: whether wrong signs of a whole stage are corrected.
+
+    Attributes:
+        folder: for all files.
+        steps: so far.
+        refusals: a line for each file that is not possible.
     """
 
     def __init__(
@@ -128,13 +152,18 @@ class _Study:
         noise: float | None,
         seed: int,
         averaged: bool,
+        skip_bad: bool,
         correct_signs: bool,
     ) -> None:
         self.folder = folder
         self.steps: list[StudyStep] = []
+        self.refusals: list[str] = []
+        self._left_out: list[str] = []
+        self._shared: list[str] = []
         self._noise = noise
         self._seed = seed
         self._averaged = averaged
+        self._skip_bad = skip_bad
         self._correct_signs = correct_signs
 
     def make_folder(self) -> None:
@@ -150,19 +179,28 @@ class _Study:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def read(self, path: str, name: str, stages: Sequence[Stage]) -> BenchSamples:
-        """Read a bench, check its signs and write it to the folder."""
+        """Read a bench, check its signs and write it to the folder.
+
+        Returns:
+            The samples, whose source is the file as given.
+        """
         if _is_bench_file(path):
             samples = read_bench(path)
             lines = [f"{path}: {len(samples)} samples."]
         else:
-            samples, lines = _imported(path, self._averaged)
+            imported, lines = _imported(path, self._averaged, self._skip_bad)
+            samples = imported.samples
+            if imported.left_out:
+                self._left_out.append(
+                    _left_out_note(Path(path).name, imported.left_out)
+                )
         samples, note = self._with_signs(samples, stages)
         if note:
             lines.append(note)
         write_bench(self.folder / name, samples)
         file = StudyFile(name, "the samples as a bench file, in SI units")
         self.steps.append(StudyStep(f"Bench {Path(path).name}", tuple(lines), (file,)))
-        return read_bench(self.folder / name)
+        return samples
 
     def _with_signs(
         self, samples: BenchSamples, stages: Sequence[Stage]
@@ -177,6 +215,12 @@ class _Study:
                 f"{samples.source}: {problems} (--correct-signs does so here)"
             )
         return corrected, f"Signs corrected: {problems}."
+
+    def compare(self, samples: BenchSamples, sound: BenchSamples) -> list[str]:
+        """Return notes on tests and days that both benches share."""
+        notes = transmission.shared_test_notes(samples, sound)
+        self._shared += notes
+        return notes
 
     def check_gears(self, stages: Sequence[Stage]) -> None:
         """Check the gear train and draw its power paths."""
@@ -225,11 +269,20 @@ class _Study:
         model: EfficiencyModel,
         samples: BenchSamples,
         sound: BenchSamples | None,
+        progress: Callable[[str], None],
     ) -> Diagnosis:
         """Diagnose the gap and choose the next test."""
         diagnosis = transmission.diagnose(
-            model, samples, noise=self._noise, seed=self._seed, baseline=sound
+            model,
+            samples,
+            noise=self._noise,
+            seed=self._seed,
+            progress=lambda text: progress(f"diagnosis, {text}"),
+            baseline=sound,
         )
+        diagnosis = self._with_left_out(diagnosis)
+        remarks = (*self._left_out, *self._shared)
+        progress("report and maps")
         save_model(diagnosis.model, self.folder / "diagnosed.yaml")
         added = handed_over(diagnosis) or "no effect"
         files = [StudyFile("diagnosed.yaml", f"the model with {added}")]
@@ -238,7 +291,7 @@ class _Study:
             ("report.html", "the whole diagnosis, with maps and residuals"),
         ):
             files += self._write(
-                name, meaning, lambda path: write_report(diagnosis, path)
+                name, meaning, lambda path: write_report(diagnosis, path, remarks)
             )
         files += self._write(
             "gap.svg",
@@ -249,7 +302,9 @@ class _Study:
         files += self._write_text("diagnosis.txt", "all of it as text", report)
         value = json.dumps(plain(diagnosis.to_dict()), indent=1)
         files += self._write_text("diagnosis.json", "for programs", value)
-        self.steps.append(StudyStep("Gap and cause", (), tuple(files)))
+        notes = diagnosis.notes[len(diagnosis.warnings) :]
+        lines = tuple(f"Note: {note}." for note in notes)
+        self.steps.append(StudyStep("Gap and cause", lines, tuple(files)))
         advice = diagnosis.advice
         files = self._write_text("next.txt", "the plan as text", advice.report())
         self.steps.append(
@@ -257,17 +312,46 @@ class _Study:
         )
         return diagnosis
 
-    def export(self, model: EfficiencyModel) -> None:
-        """Write the saved model as C and as an FMU."""
+    def _with_left_out(self, diagnosis: Diagnosis) -> Diagnosis:
+        """Return a diagnosis whose notes name the rows of tables that were left out."""
+        first = len(diagnosis.warnings)
+        notes = (
+            *diagnosis.notes[:first],
+            *self._left_out,
+            *diagnosis.notes[first:],
+        )
+        return replace(diagnosis, notes=notes)
+
+    def export(self, model: EfficiencyModel, bound: float) -> None:
+        """Write the saved model as C and as an FMU.
+
+        Args:
+            model: that was saved.
+            bound: error of the efficiency that tables of effects may make [-].
+        """
+        try:
+            code = c_model(model, bound=bound)
+        except BoundError as error:
+            saved = self.folder / "diagnosed.yaml"
+            command = (
+                f"hmcvt export --params {saved} --format c --out {self.folder / 'c'} "
+                f"--bound {error.attainable:g}"
+            )
+            reason = f"{_in_one_line(error)}: {command}, and so with --format fmu"
+            self._refuse("c and model.fmu", reason)
+            return
         files = self._write(
             "c",
             "C99 with a self-test, for a controller",
-            lambda path: export_c(model, path),
+            lambda path: write_c(model, code, path),
         )
         files += self._write(
-            "model.fmu", "for a simulator", lambda path: export_fmu(model, path)
+            "model.fmu", "for a simulator", lambda path: write_fmu(model, code, path)
         )
-        self.steps.append(StudyStep("Code", (), tuple(files)))
+        lines = []
+        if code.accuracy is not None:
+            lines.append(f"It holds {code.accuracy.report()}.")
+        self.steps.append(StudyStep("Code", tuple(lines), tuple(files)))
 
     def answer(self, diagnosis: Diagnosis) -> Answer:
         """Return the answer of the command."""
@@ -296,11 +380,18 @@ class _Study:
         try:
             write(str(self.folder / name))
         except HmcvtError as error:
-            reason = " ".join(str(error).split())
-            click.echo(f"note: {name} is not written: {reason}", err=True)
-            self.steps.append(StudyStep(f"Not written: {name}", (reason,)))
+            self._refuse(name, _in_one_line(error))
             return ()
         return (StudyFile(name, meaning),)
+
+    def _refuse(self, name: str, reason: str) -> None:
+        """Name what is not written, and why, in one line."""
+        self.refusals.append(f"not written: {name}: {reason}")
+        self.steps.append(StudyStep(f"Not written: {name}", (reason,)))
+
+
+def _in_one_line(error: HmcvtError) -> str:
+    return " ".join(str(error).split())
 
 
 def _is_bench_file(path: str) -> bool:
@@ -313,8 +404,8 @@ def _is_bench_file(path: str) -> bool:
     return all(name in header.lower().replace(" ", "_") for name in REQUIRED_COLUMNS)
 
 
-def _imported(path: str, averaged: bool) -> tuple[BenchSamples, list[str]]:
-    """Import a table by the columns that are proposed.
+def _imported(path: str, averaged: bool, skip_bad: bool) -> tuple[Imported, list[str]]:
+    """Import a table by the columns that are proposed, and say how.
 
     Raises:
         InputError: the table leaves a question open, or rows cannot be used.
@@ -324,7 +415,7 @@ def _imported(path: str, averaged: bool) -> tuple[BenchSamples, list[str]]:
         if proposal.questions:
             questions = "; ".join(str(question) for question in proposal.questions)
             raise InputError(questions)
-        imported = import_table(table, proposal, averaged=averaged)
+        imported = import_table(table, proposal, averaged=averaged, skip_bad=skip_bad)
     except InputError as error:
         place = "" if str(error).startswith(path) else f"{path}: "
         raise InputError(
@@ -336,4 +427,17 @@ def _imported(path: str, averaged: bool) -> tuple[BenchSamples, list[str]]:
         lines.append(f"{quantity} from column {column.name!r}{unit}.")
     lines += [f"Left out: {line}." for line in imported.left_out]
     lines += [f"{note}." for note in imported.notes]
-    return imported.samples, lines
+    return imported, lines
+
+
+def _left_out_note(name: str, rows: Sequence[str]) -> str:
+    """Return a note that names rows of a table that were left out.
+
+    Args:
+        name: of the table.
+        rows: each with the reason.
+    """
+    shown = "; ".join(rows[:NAMED_SAMPLES])
+    if len(rows) > NAMED_SAMPLES:
+        shown += f"; and {len(rows) - NAMED_SAMPLES} more"
+    return f"left out of {name}: {shown}"

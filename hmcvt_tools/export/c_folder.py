@@ -47,11 +47,32 @@ def export_c(
     Raises:
         InputError: the folder exists, or the model or precision cannot be exported.
     """
+    require_new(Path(folder))
+    code = c_model(model, precision, bound)
+    write_c(model, code, folder, precision)
+    return code.accuracy
+
+
+def write_c(
+    model: EfficiencyModel,
+    code: CModel,
+    folder: str | os.PathLike[str],
+    precision: str = "double",
+) -> None:
+    """Write the C of a model, as `export_c` does.
+
+    Args:
+        model: all its stages are exported.
+        code: of the model, in the precision.
+        folder: does not exist yet.
+        precision: `double` or `single`.
+
+    Raises:
+        InputError: the folder exists.
+    """
     target = Path(folder)
     require_new(target)
-    code = c_model(model, precision, bound)
     write_folder(target, _files(model, code, precision))
-    return code.accuracy
 
 
 def _files(model: EfficiencyModel, code: CModel, precision: str) -> dict[str, str]:

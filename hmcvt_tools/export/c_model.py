@@ -38,7 +38,7 @@ MODEL_HEADER = "hmcvt_model.h"
 MODEL_SOURCE = "hmcvt_model.c"
 
 _EXACT = "Double precision gives what Python gives, bit by bit."
-_BOUND_RANGE = Range("bound", 1e-4, 0.1, "-", "an error of the efficiency, 0.002")
+BOUND_RANGE = Range("bound", 1e-4, 0.1, "-", "an error of the efficiency, 0.002")
 _SHIFT_STEPS = 12
 _SHIFT_TOLERANCE = 1e-6  # of the stroke
 
@@ -106,7 +106,7 @@ def c_model(
     require_exportable(model)
     if precision not in PRECISIONS:
         raise InputError(f"precision = {precision!r}; there is {', '.join(PRECISIONS)}")
-    _BOUND_RANGE.check(bound)
+    BOUND_RANGE.check(bound)
     tables: list[EffectTable] = []
     accuracy = None
     limits = _CLOSED_FORM_RANGES

@@ -55,6 +55,27 @@ _FIRST_LOADS = np.array(
 Axes = tuple[Array, Array, Array]
 
 
+class BoundError(InputError):
+    """The tables of a model would need too many nodes for a bound.
+
+    Attributes:
+        attainable: a bound that its tables keep [-].
+
+    Args:
+        stage: whose table has the largest error.
+        bound: that was asked for [-].
+        attainable: a bound that the tables of all stages keep [-].
+    """
+
+    def __init__(self, stage: str, bound: float, attainable: float) -> None:
+        super().__init__(
+            f"stage {stage}: its effects need a table of more than {_MAX_NODES} nodes for an "
+            f"efficiency within {100.0 * bound:g} points; allow a larger bound, --bound "
+            f"{attainable:g} is attainable"
+        )
+        self.attainable = attainable
+
+
 class Accuracy(NamedTuple):
     """How well tables reproduce a model at random points.
 
@@ -81,8 +102,9 @@ class Accuracy(NamedTuple):
         """Return the accuracy as one sentence."""
         return (
             f"effects as tables of {self.nodes} nodes ({self.kilobytes:.0f} KB): efficiency "
-            f"within {self.bound:.1e} at {100.0 * COVERAGE:g} % of {MEASURED_POINTS} random "
-            f"points, {self.largest:.1e} the largest of them (a sample, not a bound); "
+            f"within {self.bound:.1e} ({100.0 * self.bound:.2g} percentage points) at "
+            f"{100.0 * COVERAGE:g} % of {MEASURED_POINTS} random points, {self.largest:.1e} the "
+            "largest of them (a sample, not a bound); "
             f"output speed within {self.speed:.1e} of the engine speed; at "
             f"{100.0 * self.differing:.2f} % of the points, next to a stall, either the model or "
             "the tables have no answer"
@@ -156,12 +178,19 @@ def effect_tables(
         bound: error of the efficiency that holds at `COVERAGE` of random points [-].
 
     Raises:
-        InputError: a table would need too many nodes.
+        BoundError: a table would need too many nodes.
     """
     parts = list(model.without_meters().stages.values())
     tables = []
+    attainable = {}
     for part in parts:
-        tables.append(_refined(part, bound))
+        refined = _refined(part, bound)
+        tables.append(refined.table)
+        attainable[part.stage.name] = refined.attainable
+    # All stages share one bound, so that the worst of them decides what is attainable.
+    worst = max(attainable, key=attainable.__getitem__)
+    if attainable[worst] > bound:
+        raise BoundError(worst, bound, _rounded_up(attainable[worst]))
     return tables, _measured(parts, tables)
 
 
@@ -170,8 +199,20 @@ def _closed_form(model: EfficiencyModel) -> BalanceSolver:
     return bare.balance("tables need the power balance")
 
 
-def _refined(model: EfficiencyModel, bound: float) -> EffectTable:
-    """Return a table of one stage with ever more nodes, until the bound holds."""
+class _Refined(NamedTuple):
+    """The table of a stage that has been refined.
+
+    Attributes:
+        table: the last one, which keeps the bound if any does.
+        attainable: smallest bound on the error of the efficiency that a table keeps [-].
+    """
+
+    table: EffectTable
+    attainable: float
+
+
+def _refined(model: EfficiencyModel, bound: float) -> _Refined:
+    """Refine the table of one stage until the bound holds or it has too many nodes."""
     rng = np.random.default_rng(_SEED)
     axes: Axes = (_FIRST_STROKES, _FIRST_SPEEDS, _FIRST_LOADS)
     attainable = np.inf
@@ -179,17 +220,13 @@ def _refined(model: EfficiencyModel, bound: float) -> EffectTable:
         table = _table(model, axes)
         errors = _errors(model, table, _random_points(rng, _TRIAL_POINTS))[0]
         error = float(np.nanquantile(errors, COVERAGE))
-        if error <= _PART_OF_BOUND * bound:
-            return table
         attainable = min(attainable, error / _PART_OF_BOUND)
+        if attainable <= bound:
+            break
         axes = _split(model, table)
         if np.prod([axis.size for axis in axes]) > _MAX_NODES:
             break
-    raise InputError(
-        f"stage {model.stage.name}: its effects need a table of more than {_MAX_NODES} "
-        f"nodes for an efficiency within {bound:g}; allow a larger bound, "
-        f"{_rounded_up(attainable):g} is attainable"
-    )
+    return _Refined(table, attainable)
 
 
 def _rounded_up(value: float) -> float:

@@ -65,17 +65,46 @@ def export_fmu(
     Raises:
         InputError: the model cannot be exported, there is no C compiler, or FMPy is missing.
     """
+    require_exportable(model)
+    _tools(path, fmi)  # what lacks is refused before the work
+    code = c_model(model, bound=bound)
+    write_fmu(model, code, path, fmi)
+    return code.accuracy
+
+
+def write_fmu(
+    model: EfficiencyModel,
+    code: CModel,
+    path: str | os.PathLike[str],
+    fmi: int = 2,
+) -> None:
+    """Write an FMU of the C of a model, as `export_fmu` does.
+
+    Args:
+        model: all its stages are exported.
+        code: of the model, in double precision.
+        path: file to write.
+        fmi: version of the standard, 2 or 3.
+
+    Raises:
+        InputError: there is no C compiler, or FMPy is missing.
+    """
+    headers, machines = _tools(path, fmi)
+    write_atomically(Path(path), _content(model, code, fmi, headers, machines))
+
+
+def _tools(path: str | os.PathLike[str], fmi: int) -> tuple[Path, list[Target]]:
+    """Return the folder of the headers of the standard and the machines to build for.
+
+    Raises:
+        InputError: the version is unknown, the path is a folder, there is no C compiler, or FMPy
+            is missing.
+    """
     if fmi not in VERSIONS:
         raise InputError(f"fmi = {fmi!r}; there is {', '.join(map(str, VERSIONS))}")
-    target = Path(path)
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder")
-    require_exportable(model)
-    headers = _fmi_headers()
-    machines = targets()
-    code = c_model(model, bound=bound)
-    write_atomically(target, _content(model, code, fmi, headers, machines))
-    return code.accuracy
+    if Path(path).is_dir():
+        raise InputError(f"{path}: is a folder")
+    return _fmi_headers(), targets()
 
 
 def _content(

@@ -19,6 +19,7 @@ style       letters, colours, formats
 import base64
 import hashlib
 import os
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -77,13 +78,17 @@ def write_html(
 
 
 def write_report(
-    diagnosis: Diagnosis | UnitDiagnosis | UnitChange, path: str | os.PathLike[str]
+    diagnosis: Diagnosis | UnitDiagnosis | UnitChange,
+    path: str | os.PathLike[str],
+    remarks: Sequence[str] = (),
 ) -> None:
     """Write the report of a diagnosis: its page (.html), or one sheet of paper (.pdf).
 
     Args:
         diagnosis: of a transmission, of a unit, or of a system that you define.
         path: its ending names the format.
+        remarks: notes of the diagnosis that the sheet holds even where it has no room for all; the
+            page has all.
 
     Raises:
         InputError: the ending names no format, or what draws is missing.
@@ -94,7 +99,7 @@ def write_report(
         return
     if isinstance(diagnosis, (UnitDiagnosis, UnitChange)):
         diagnosis = diagnosis.diagnosis
-    write_atomically(Path(path), sheet(diagnosis))
+    write_atomically(Path(path), sheet(diagnosis, remarks=remarks))
 
 
 def html(diagnosis: Diagnosis | UnitDiagnosis | UnitChange) -> str:

@@ -45,23 +45,31 @@ CAPTION = (
 )
 
 
-def sheet(diagnosis: Diagnosis, date: datetime.date | None = None) -> bytes:
+def sheet(
+    diagnosis: Diagnosis,
+    date: datetime.date | None = None,
+    remarks: Sequence[str] = (),
+) -> bytes:
     """Return a diagnosis as PDF of one page.
 
     Args:
         diagnosis: with or without a gap.
         date: printed on the sheet; today when left out.
+        remarks: notes that are on the sheet in any case.
 
     Raises:
         InputError: matplotlib is missing.
     """
     with styled(_PAPER) as figure:
-        draw_sheet(figure, diagnosis, date)
+        draw_sheet(figure, diagnosis, date, remarks)
         return to_pdf(figure)
 
 
 def draw_sheet(
-    figure: Any, diagnosis: Diagnosis, date: datetime.date | None = None
+    figure: Any,
+    diagnosis: Diagnosis,
+    date: datetime.date | None = None,
+    remarks: Sequence[str] = (),
 ) -> None:
     """Draw the sheet on an empty matplotlib figure of its size.
 
@@ -69,16 +77,18 @@ def draw_sheet(
         figure: empty matplotlib figure.
         diagnosis: with or without a gap.
         date: printed on the sheet; today when left out.
+        remarks: notes that are on the sheet in any case.
     """
     if date is None:
         date = datetime.date.today()
     figure.set_layout_engine("none")
     height = _draw_answer(figure, diagnosis)
-    fit = _fit_lines(diagnosis, date)
+    fit = [*_fit_lines(diagnosis, date), *remarks]
     room = height - _BOTTOM - _AROUND_PICTURE - _height(fit)
     parameters = _that_fit(_parameter_lines(diagnosis), room - _SMALLEST_PICTURE)
     room -= _height(parameters)
-    notes = _that_fit(_notes(diagnosis), room - _SMALLEST_PICTURE)
+    notes = [note for note in _notes(diagnosis) if note not in remarks]
+    notes = _that_fit(notes, room - _SMALLEST_PICTURE)
     room -= _height(notes)
     picture_height = max(_SMALLEST_PICTURE, min(room, _LARGEST_PICTURE))
     height = _draw_picture(figure, diagnosis, height, picture_height)
@@ -182,7 +192,11 @@ def _fit_lines(diagnosis: Diagnosis, date: datetime.date) -> list[str]:
     fingerprint = getattr(diagnosis.model, "fingerprint", None)
     if fingerprint is not None:
         files.append(f"model {fingerprint}")
-    return [fit, ", ".join(files)]
+    lines = [fit, ", ".join(files)]
+    if diagnosis.left_out:
+        left_out = words.listed(diagnosis.left_out, "and")
+        lines.append(f"Left out as tests that stand apart: {left_out}")
+    return lines
 
 
 def _file_name(source: object) -> str:

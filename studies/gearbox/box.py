@@ -237,6 +237,7 @@ def campaign(
     seed: int,
     zero: float = 0.3,
     days: int = 3,
+    year: int = 2026,
 ) -> list[dict[str, object]]:
     """Return the table of a bench: one row for each test, in the units and words of the bench.
 
@@ -246,6 +247,7 @@ def campaign(
         seed: of order, noise and zeros.
         zero: deviation of the zeros of the torque meters from day to day / their class [-].
         days: over which the tests are spread.
+        year: of the days.
     """
     random = np.random.default_rng(seed)
     points = plan(tests)
@@ -263,7 +265,7 @@ def campaign(
         rpm = 60.0 / (2.0 * math.pi)
         rows.append(
             {
-                "Datum": f"{9 + day:02d}.03.2026",
+                "Datum": f"{9 + day:02d}.03.{year}",
                 "Gang": stage,
                 "Verstellung [%]": round(100.0 * stroke, 3),
                 "Motordrehzahl [1/min]": round(speed * rpm, 2),

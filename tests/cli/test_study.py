@@ -1,11 +1,15 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt study`: what it refuses; tests/end_to_end runs all of it."""
 
+import re
+
 import pytest
 
+from hmcvt_tools.cli import study as study_module
+from hmcvt_tools.export.effect_tables import BoundError
 from studies.gearbox import box
 
-from .running import TABLE2, assert_refused
+from .running import TABLE2, assert_refused, run
 
 
 @pytest.fixture
@@ -41,3 +45,102 @@ def test_wrong_signs_are_refused_with_the_option(hmcvt, gears, tmp_path):
     bench.write_text("\n".join(lines) + "\n", encoding="utf-8")
     refused = hmcvt("study", bench, gears, "--out", tmp_path / "out")
     assert_refused(refused, "output_speed in stage R", "--correct-signs does so here")
+
+
+def write_table(path, rows):
+    """Write the table of a bench as CSV with its own headings."""
+    lines = [";".join(rows[0])]
+    for row in rows:
+        lines.append(";".join(map(str, row.values())))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def year(tmp_path_factory):
+    """Return the folder of a study with a baseline of the same days, and what the command said.
+
+    A row of the table is broken, and the tables of the effects do not keep the bound.
+    """
+    place = tmp_path_factory.mktemp("year")
+    gears = place / "gears.yaml"
+    assert run("transmission", "new", gears, *box.DESCRIPTION).code == 0
+    machine = box.Machine()
+    for name, seed in (("sound", 1), ("later", 2)):
+        rows = [row for row in box.campaign(machine, 20, seed) if row["Gang"] == "F3"]
+        if name == "later":
+            rows[4]["Motormoment [Nm]"] = "defekt"
+        write_table(place / f"{name}.csv", rows)
+
+    def refused(*_, **__):
+        raise BoundError("F3", 0.002, 0.014)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study_module, "c_model", refused)
+        done = run(
+            *("study", place / "later.csv", gears, "--averaged", "--skip-bad"),
+            *("--noise", "0.25%", "--baseline", place / "sound.csv"),
+            *("--out", place / "out"),
+        )
+    assert done.code == 0, done.err
+    return place / "out", done
+
+
+def page_of(folder):
+    return (folder / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_progress_is_a_line_a_step(year):
+    steps = [line for line in year[1].err.splitlines() if line.startswith("study: ")]
+    assert len(steps) == len(set(steps)) >= 7
+    assert "study: diagnosis, step 2 of 3, refits with sets of effects" in steps
+
+
+@pytest.mark.slow
+def test_a_refused_export_is_one_line_with_the_command(year):
+    folder, done = year
+    (line,) = [line for line in done.err.splitlines() if "not written" in line]
+    command = f"hmcvt export --params {folder / 'diagnosed.yaml'} --format c"
+    assert command in line and "--bound 0.014" in line
+    assert "within 0.2 points" in line
+    assert command in page_of(folder)
+    for name in ("report.pdf", "report.html", "model.yaml"):
+        assert (folder / name).exists()
+
+
+@pytest.mark.slow
+def test_files_are_called_as_the_user_gave_them(year):
+    folder, done = year
+    said = " ".join(done.out.split())
+    assert "sound samples of" in said and "sound.csv" in said
+    for name in ("diagnosis.txt", "report.html", "diagnosis.json"):
+        text = (folder / name).read_text(encoding="utf-8")
+        assert "baseline.csv" not in text and "sound.csv" in text
+    assert "later.csv" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "data: sound.csv" in (folder / "model.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_rows_left_out_and_shared_days_and_the_noise_are_named(year):
+    folder, done = year
+    (warning,) = [line for line in done.err.splitlines() if "warning: " in line]
+    assert "tests of the same days (2026-03-09" in warning
+    for name in ("index.html", "report.html", "diagnosis.json", "diagnosis.txt"):
+        text = " ".join((folder / name).read_text(encoding="utf-8").split())
+        assert re.search(r"[Ll]eft out of later.csv: row 6: ", text), name
+        assert "tests of the same days" in text
+        assert "not 0.25 points by --noise" in text
+
+
+@pytest.mark.slow
+def test_the_same_file_twice_is_refused_before_the_work(year, hmcvt, gears, tmp_path):
+    bench = year[0] / "bench.csv"
+    refused = hmcvt("study", bench, gears, "--baseline", bench, "--out", tmp_path / "o")
+    assert_refused(refused, "every test is in the baseline")
+
+
+def test_a_bound_out_of_range_is_refused_before_the_work(hmcvt, gears, tmp_path):
+    out = tmp_path / "out"
+    refused = hmcvt("study", TABLE2, gears, "--out", out, "--bound", "50%")
+    assert_refused(refused, "bound")
+    assert not out.exists()

@@ -10,6 +10,8 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.benches.baseline.record import _without_gap
+from hmcvt_core.benches.transmission.change import shared_test_notes
+from hmcvt_core.files.bench import joined
 from hmcvt_core.physics.effects.mechanical import Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
 from hmcvt_tools.report import html
@@ -160,3 +162,39 @@ def test_wrong_baselines_are_named(sound):
         hmcvt.diagnose(SERVED, samples, baseline=sound.select(np.arange(9)))
     with pytest.raises(hmcvt.InputError, match="baseline"):
         hmcvt.diagnose(SERVED, samples, baseline="sound.csv")
+
+
+def dated(samples, day):
+    """Return samples of one day, a minute apart."""
+    start = np.datetime64(day, "s").astype(float)
+    return replace(samples, stamp=start + 60.0 * np.arange(len(samples)))
+
+
+def test_tests_that_are_in_the_baseline_too_are_named(sound):
+    with pytest.raises(hmcvt.InputError, match="every test is in the baseline"):
+        hmcvt.diagnose(SERVED, sound.select(np.arange(20)), baseline=sound, noise=NOISE)
+    later = joined([bench(seed=1, n=20), sound.select(np.arange(4))])
+    (note,) = shared_test_notes(later, sound)
+    assert note.startswith("4 of 24 tests") and "sample 21" in note
+
+
+def test_days_that_both_files_share_are_named(sound):
+    later = bench(seed=1)
+    before = dated(sound, "2026-03-09")
+    (note,) = shared_test_notes(dated(later, "2026-03-09"), before)
+    assert "tests of the same days (2026-03-09)" in note
+    assert shared_test_notes(dated(later, "2027-03-09"), before) == []
+    # Seconds that a bench counts itself are no dates.
+    relative = dated(later, "1970-01-01")
+    assert shared_test_notes(relative, dated(sound, "1970-01-01")) == []
+    answer = hmcvt.diagnose(
+        SERVED, dated(later, "2026-03-09"), baseline=before, noise=NOISE
+    )
+    assert note in answer.to_dict()["notes"]
+
+
+def test_noise_by_the_baseline_in_place_of_a_statement_is_named(worn, sound):
+    (note,) = [note for note in worn.notes if note.startswith("the noise is")]
+    assert "scatter of the baseline" in note and "not 0.4 points by --noise" in note
+    assert note in worn.to_dict()["notes"]
+    assert "by --noise" in " ".join(worn.report().split())

@@ -757,6 +757,22 @@ def test_sheet_of_several_stages() -> None:
     assert bottom > 0.03
 
 
+def test_sheet_names_tests_and_rows_that_were_left_out() -> None:
+    from matplotlib.figure import Figure
+
+    rows = "left out of bench.csv: row 6: no number"
+    found = diagnosis("ambiguous")
+    found = replace(
+        found, left_out=("sample 7 (stroke 0.3)",), notes=(*found.notes, rows)
+    )
+    figure = Figure(figsize=(8.27, 11.69))
+    draw_sheet(figure, found, datetime.date(2026, 2, 3), [rows])
+    text = " ".join(line.get_text() for line in figure.texts)
+    assert "Left out as tests that stand apart: sample 7 (stroke 0.3)" in text
+    assert text.count(rows) == 1
+    assert min(line.get_position()[1] for line in figure.texts) > 0.03
+
+
 def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:
     path = tmp_path / "report.pdf"
     write_report(diagnosis("ambiguous"), path)

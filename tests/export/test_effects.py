@@ -16,6 +16,7 @@ from export.effect_cases import CASES, THREE_EFFECTS, affected_model, points_of_
 from hmcvt_core.physics.effects.hydraulic import PortPressureDrop
 from hmcvt_core.physics.effects.sensor import EngineTorqueGain
 from hmcvt_core.transmission.ranges import OperatingPoints
+from hmcvt_tools.export import effect_tables
 from hmcvt_tools.export.effect_tables import BOUND, TABLE_SPEED
 
 pytestmark = needs_compiler
@@ -125,6 +126,29 @@ def test_too_small_a_bound_names_one_that_is_attainable(tmp_path):
     (attainable,) = re.findall(r"([\d.e-]+) is attainable", message)
     accuracy = hmcvt_tools.export_c(model, tmp_path / "c", bound=float(attainable))
     assert accuracy.bound <= float(attainable)
+
+
+def test_the_stage_with_the_largest_error_decides_what_is_attainable(
+    tmp_path, monkeypatch
+):
+    """A bound that the first stage keeps is of no use where another does not."""
+    monkeypatch.setattr(effect_tables, "_MAX_NODES", 3000)
+    tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
+    stages = [tractor.in_stage(name).stage for name in ("HM1", "H0")]
+    model = replace(
+        tractor, stage=stages[0], other_stages=(stages[1],), effects=THREE_EFFECTS
+    )
+    attainable = {}
+    for name in model.stages:
+        with pytest.raises(effect_tables.BoundError) as refused:
+            effect_tables.effect_tables(model.in_stage(name), 1e-4)
+        attainable[name] = refused.value.attainable
+    with pytest.raises(effect_tables.BoundError) as refused:
+        hmcvt_tools.export_c(model, tmp_path / "c", bound=1e-4)
+    assert attainable["H0"] > attainable["HM1"]
+    assert refused.value.attainable == attainable["H0"]
+    assert str(refused.value).startswith("stage H0: ")
+    effect_tables.effect_tables(model, refused.value.attainable)
 
 
 def test_errors_of_meters_stay_with_the_bench(tmp_path):

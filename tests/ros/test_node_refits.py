@@ -310,7 +310,9 @@ def test_a_baseline_file_reaches_the_diagnosis(paper_file, tmp_path):
     samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     sound = tmp_path / "sound.csv"
     hmcvt.write_bench(sound, samples.select(range(0, len(samples), 4)))
-    answer = jobs.diagnose(sound, paper_file, 0, tmp_path, 0.004, str(sound))
+    later = tmp_path / "later.csv"
+    hmcvt.write_bench(later, samples.select(range(1, len(samples), 4)))
+    answer = jobs.diagnose(later, paper_file, 0, tmp_path, 0.004, str(sound))
     assert answer["baseline"]["control"]["verdict"] == "no_gap"
     assert answer["verdict"] == "no_gap" and answer["report"]
 

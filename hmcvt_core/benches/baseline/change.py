@@ -23,6 +23,7 @@ from ...diagnosis.system import (
     Array,
     Axis,
     BaseParameters,
+    Case,
     Channel,
     Effect,
     Points,
@@ -112,8 +113,13 @@ class SoundMachine(Protocol):
     def left_out_residuals(self) -> list[LeftOut]:
         """Return residuals of each channel at sound samples that are left out."""
 
-    def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
-        """Return how effects change the channels, shape (channels, n)."""
+    def changed_by_each(self, sets: Sequence[Sequence[Any]], points: Points) -> Array:
+        """Return how each set of effects changes the channels, shape (sets, channels, n).
+
+        Args:
+            sets: at least one.
+            points: operating points.
+        """
 
     def meter_errors(self, points: Points, sound: Array) -> tuple[list[str], Array]:
         """Return names of errors of the meters, and what one deviation of each changes.
@@ -207,12 +213,19 @@ class Change:
             effects: changes, at their sizes.
             points: operating points.
         """
+        return np.asarray(self.predict_cases([(base, effects)], points)[0])
+
+    def predict_cases(self, cases: Sequence[Case], points: Points) -> Array:
+        """Return the readings of many cases, as `predict` those of one; (cases, channels, n)."""
         sound = self.sound_mean(points)
         _, errors = self.machine.meter_errors(points, sound)
-        of_meters = self.meters * np.tensordot(base, errors, axes=1)
-        if not effects:
-            return np.asarray(sound + of_meters)
-        return np.asarray(sound + self.machine.changed_by(effects, points) + of_meters)
+        bases = np.stack([base for base, _ in cases])
+        predicted = sound + self.meters * np.tensordot(bases, errors, axes=1)
+        changed = [i for i, (_, effects) in enumerate(cases) if effects]
+        if changed:
+            sets = [cases[i][1] for i in changed]
+            predicted[changed] += self.machine.changed_by_each(sets, points)
+        return np.asarray(predicted)
 
     def candidates(self, points: Points, base: Array) -> Points:
         """Return points at which a further test can be run."""

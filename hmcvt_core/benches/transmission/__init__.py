@@ -2,6 +2,7 @@
 """A transmission on a bench: the system that the diagnosis examines, and its entry points."""
 
 from .analyses import diagnose, next_test, read_plan, separable
+from .change import shared_test_notes
 from .channels import (
     AXES,
     CHANNELS,
@@ -26,6 +27,7 @@ __all__ = [
     "observe",
     "read_plan",
     "separable",
+    "shared_test_notes",
     "with_empirical_remainder",
     "without_remainder",
 ]

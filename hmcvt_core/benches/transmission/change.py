@@ -8,10 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...diagnosis import Diagnosis, diagnose_system
+from ...diagnosis.observations import Observations
 from ...diagnosis.results.outcome import NAMING
-from ...diagnosis.wording import plain
+from ...diagnosis.wording import listed, plain
 from ...errors import InputError
 from ...files.bench import BenchSamples
 from ...model.model import EfficiencyModel
@@ -38,6 +40,8 @@ COMPARED = (*(channel.name for channel in CHANNELS[1:]), OIL_TEMPERATURE.name)
 """Columns that count only where all files have them."""
 STEERED = ("displacement_ratio", "engine_speed", "load_torque")
 """Columns along which samples may go beyond the baseline."""
+FIRST_DATE = 1e8
+"""Stamp from which stamps count as dates, 1973 [s]: no bench counts its own seconds for years."""
 NOTABLE_SCALE = 1.5
 """Deviation of zeros / that of the class from which a note names a meter; chosen."""
 
@@ -70,7 +74,7 @@ def diagnose_change(
             `diagnose_system`.
     """
     _check_machine(model, samples, baseline)
-    notes: list[str] = []
+    notes = shared_test_notes(samples, baseline)
     tables = [samples, baseline]
     if holdout is not None:
         tables.append(holdout)
@@ -80,7 +84,7 @@ def diagnose_change(
     left_out, fitted = control_and_rest(baseline, seed)
     if progress is not None:
         progress("the sound transmission")
-    sound = _sound(model, baseline.select(fitted), noise, seed, notes)
+    sound = _sound(model, baseline, fitted, noise, seed, notes)
     of_control = _answered(sound, baseline.select(left_out), notes)
     control = judge_control(sound, observe_change(sound, of_control, noise), seed)
     sound = replace(sound, inflation=control.inflation)
@@ -89,8 +93,9 @@ def diagnose_change(
     if holdout is not None:
         held_out = observe_change(sound, _answered(sound, tables[2], notes), None)
     samples = _answered(sound, samples, notes)
-    reference = Reference(sound, len(baseline), control, notes=tuple(notes))
     observed = observe_change(sound, samples, noise)
+    notes += _noise_notes(observed, samples, noise)
+    reference = Reference(sound, len(baseline), control, notes=tuple(notes))
     diagnosis, record = compare(
         reference, observed, held_out, seed=seed, progress=progress
     )
@@ -113,6 +118,85 @@ def _check_machine(
     )
 
 
+def shared_test_notes(samples: BenchSamples, baseline: BenchSamples) -> list[str]:
+    """Say which tests of samples are in the baseline too, and which days both were measured on.
+
+    Args:
+        samples: of the transmission as it is now.
+        baseline: of the same transmission when it was sound.
+
+    Raises:
+        InputError: all tests are in the baseline too.
+    """
+    names = [name for name in samples.columns if name in baseline.columns]
+    of_baseline = set(_rows(baseline, names))
+    shared = []
+    for index, row in enumerate(_rows(samples, names)):
+        if row in of_baseline:
+            shared.append(index)
+    if len(shared) == len(samples):
+        raise InputError(
+            f"{samples.source}: every test is in the baseline {baseline.source} too: give the "
+            "tests that were measured later"
+        )
+    notes = []
+    if shared:
+        notes.append(
+            f"{len(shared)} of {len(samples)} tests of {samples.source} (first: "
+            f"{samples.label(shared[0])}) are in the baseline {baseline.source} too, with the "
+            "same readings: a test that was measured twice does not repeat all of them, so "
+            "check the files"
+        )
+    days = sorted(_days(samples) & _days(baseline))
+    if days:
+        notes.append(
+            f"{samples.source} and the baseline {baseline.source} hold tests of the same days "
+            f"({', '.join(days)}): check that each file is the right one"
+        )
+    return notes
+
+
+def _rows(samples: BenchSamples, names: Sequence[str]) -> list[tuple[Any, ...]]:
+    """Return the values of each test in some columns."""
+    columns = [samples.columns[name].tolist() for name in names]
+    return list(zip(*columns, strict=True))
+
+
+def _days(samples: BenchSamples) -> set[str]:
+    """Return the ISO dates of the stamps that count from 1970, none where they do not."""
+    if samples.stamp is None:
+        return set()
+    dated = samples.stamp[samples.stamp > FIRST_DATE]
+    days = dated.astype("datetime64[s]").astype("datetime64[D]")
+    return set(np.datetime_as_string(days).tolist())
+
+
+def _noise_notes(
+    observed: Observations, samples: BenchSamples, noise: float | None
+) -> list[str]:
+    """Say that the scatter of the baseline stands for a noise that is stated.
+
+    Args:
+        observed: the samples with the noise that the baseline shows.
+        samples: may state their noise.
+        noise: standard deviation of the efficiency that is stated for all [-], or None.
+    """
+    if noise is not None:
+        stated = noise
+        source = "--noise"
+    elif samples.efficiency_std is not None:
+        stated = float(np.sqrt(np.mean(samples.efficiency_std**2)))
+        source = "column efficiency_std"
+    else:
+        return []
+    channel = observed.channels[0]
+    return [
+        f"the noise is {channel.factor * observed.stated_noise:.2g} {channel.unit}, estimated from "
+        f"the scatter of the baseline about its fit, not {channel.factor * stated:.2g} "
+        f"{channel.unit} by {source}: a change has to exceed what the sound tests show"
+    ]
+
+
 def _with_common_columns(
     tables: Sequence[BenchSamples], notes: list[str]
 ) -> list[BenchSamples]:
@@ -132,7 +216,8 @@ def _with_common_columns(
 
 def _sound(
     model: EfficiencyModel,
-    samples: BenchSamples,
+    baseline: BenchSamples,
+    fitted: NDArray[np.intp],
     noise: float | None,
     seed: int,
     notes: list[str],
@@ -141,19 +226,28 @@ def _sound(
 
     Args:
         model: formulation `power_balance`.
-        samples: sound samples without the control.
+        baseline: sound samples.
+        fitted: indices of those that are not the control.
         noise: standard deviation of the efficiency [-], or None.
         seed: of every random number.
         notes: are extended.
     """
+    samples = baseline.select(fitted)
     system = Transmission(model, samples.columns)
-    observed = with_meter_errors(observe(samples, noise, list(model.stages)), system)
+    # Messages number the samples as the file does.
+    numbered = replace(observe(samples, noise, list(model.stages)), number=fitted)
+    observed = with_meter_errors(numbered, system)
     of_sound = with_misfits(diagnose_system(system, observed, seed=seed))
     if of_sound.verdict in NAMING:
         effects = " and ".join(plain(name) for name in of_sound.sets[0].effects)
         notes.append(
             f"the baseline itself differs from the model: {effects} "
             f"({100.0 * of_sound.sets[0].probability:.0f} %); it is diagnosed first and held"
+        )
+    if of_sound.left_out:
+        notes.append(
+            f"tests of the baseline {baseline.source} that stand alone against their neighbours: "
+            f"{listed(of_sound.left_out, 'and')}; measure them again"
         )
     zeros = zero_scales(of_sound.shared_errors)
     notes += _zero_notes(zeros)

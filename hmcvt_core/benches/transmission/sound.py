@@ -112,9 +112,16 @@ class SoundTransmission(HeldMachine):
 
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""
-        changed = self.system.predict(self.base, effects, points)
-        change = by_name(changed - self._base_prediction(points))
-        return np.stack([change[channel.name] for channel in self.channels])
+        return np.asarray(self.changed_by_each([effects], points)[0])
+
+    def changed_by_each(self, sets: Sequence[Sequence[Any]], points: Points) -> Array:
+        """Return how each set of effects changes the channels, all solved together."""
+        cases = [(self.base, effects) for effects in sets]
+        changed = self.system.predict_cases(cases, points)
+        changes = changed - self._base_prediction(points)
+        of_channels = by_name(np.swapaxes(changes, 0, 1))
+        compared = [of_channels[channel.name] for channel in self.channels]
+        return np.stack(compared, axis=1)
 
     def meter_errors(self, points: Points, sound: Array) -> tuple[list[str], Array]:
         """Return names of errors of the meters, and what one deviation of each changes."""

@@ -231,6 +231,10 @@ class SoundUnit(HeldMachine):
         limited = points[OIL_TEMPERATURE.name].clip(warm.min(), warm.max())
         return {**points, OIL_TEMPERATURE.name: limited}
 
+    def changed_by_each(self, sets: Sequence[Sequence[Any]], points: Points) -> Array:
+        """Return how each set of effects changes the channels, shape (sets, channels, n)."""
+        return np.stack([self.changed_by(effects, points) for effects in sets])
+
     def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
         """Return how effects change the channels, shape (channels, n)."""
         thin = _viscosity_change(self, effects, points)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,6 +23,11 @@ from ..fitting.refit import Fit, Signature, refit
 from ..settings import EQUAL_EVIDENCE, SIZE_SPREADS
 from ..system import Array, Effect
 
+MAX_GRAM_NUMBERS = 1_000_000
+"""Numbers in the Gram matrices that are computed at a time, 8 MB.
+
+Limit of memory: thousands of pairs of forms at once take gigabytes, and no less time.
+"""
 Names = tuple[str, ...]
 """Names of effects."""
 Combination = tuple[int, ...]
@@ -188,43 +193,64 @@ def _gains(
     of_refit = np.tile(np.arange(theta_count), (len(combinations), 1))
     columns = np.concatenate([of_refit, theta_count + np.array(combinations)], axis=1)
     widest = np.full(count, max(SIZE_SPREADS))
-    # The moment prior of the forms enters with the scale of their sizes, below.
-    posterior = model_evidence(
-        _grams(fit, changes, columns),
-        len(observed),
-        np.append(spread, widest),
-        observed.prior_dof,
-        np.append(hypothesis.signs, np.full(count, np.nan)),
-        np.tile(without.noise, (len(combinations), 1)),
-    )
+    all_columns = np.concatenate([fit.jacobian, changes], axis=-1)
+    whole = gram(all_columns, fit.target)
+    signs_of_all = np.append(hypothesis.signs, np.full(count, np.nan))
+    log_evidences = []
+    means = []
+    covariances = []
+    for part in _parts(columns, len(observed.channels)):
+        # The moment prior of the forms enters with the scale of their sizes, below.
+        posterior = model_evidence(
+            _grams(whole, part),
+            len(observed),
+            np.append(spread, widest),
+            observed.prior_dof,
+            signs_of_all,
+            np.tile(without.noise, (len(part), 1)),
+        )
+        log_evidences.append(posterior.log_evidence)
+        means.append(posterior.mean[:, theta_count:])
+        # A copy: a view would keep the covariances of all coefficients.
+        covariances.append(posterior.covariance[:, theta_count:, theta_count:].copy())
     of_forms = Hypothesis(hypothesis.system, forms, reversed_sign)
     signs = of_forms.signs[of_forms.base_count :][np.array(combinations)]
     change = change_of_prior_scale(
-        posterior.mean[:, theta_count:],
-        posterior.covariance[:, theta_count:, theta_count:],
+        np.concatenate(means),
+        np.concatenate(covariances),
         widest,
         np.tile(np.array(SIZE_SPREADS)[:, None], count),
         signs,
     )
-    gain = posterior.log_evidence - without.log_evidence
+    gain = np.concatenate(log_evidences) - without.log_evidence
     return gain + log_mean(change.T)
 
 
-def _grams(fit: Fit, changes: Array, columns: NDArray[np.intp]) -> Array:
+def _parts(columns: NDArray[np.intp], channels: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the models in parts whose Gram matrices fit into a cache.
+
+    Args:
+        columns: indices of the columns of each model, shape (m, p).
+        channels: number of channels.
+    """
+    of_model = channels * (columns.shape[1] + 1) ** 2
+    size = max(1, MAX_GRAM_NUMBERS // of_model)
+    for start in range(0, len(columns), size):
+        yield columns[start : start + size]
+
+
+def _grams(whole: Array, columns: NDArray[np.intp]) -> Array:
     """Return the Gram matrices of many models, picked from one of all columns.
 
     Args:
-        fit: the refit that forms are added to.
-        changes: signatures of all forms, shape (channels, n, forms).
-        columns: indices of the columns of each model among those of the refit and all forms,
-            shape (m, p).
+        whole: Gram matrices of the columns of the refit, of all forms and of the target, shape
+            (channels, k + 1, k + 1).
+        columns: indices of the columns of each model among the k columns, shape (m, p).
 
     Returns:
         Of [columns, target], shape (m, channels, p + 1, p + 1).
     """
-    all_columns = np.concatenate([fit.jacobian, changes], axis=-1)
-    whole = gram(all_columns, fit.target)
-    target = np.full((len(columns), 1), all_columns.shape[-1])
+    target = np.full((len(columns), 1), whole.shape[-1] - 1)
     picked = np.append(columns, target, axis=1)
     row_index = picked[:, :, None]
     column_index = picked[:, None, :]
