@@ -49,7 +49,9 @@ def _conditions(rng, count=2000):
     )
 
 
-@pytest.mark.parametrize("kind", LOSSES, ids=lambda kind: f"{kind.__module__}.{kind.name}")
+@pytest.mark.parametrize(
+    "kind", LOSSES, ids=lambda kind: f"{kind.__module__}.{kind.name}"
+)
 def test_a_lost_flow_follows_the_pressure(kind):
     rng = np.random.default_rng(5)
     at = _conditions(rng)

@@ -14,6 +14,7 @@ import numpy as np
 from ...diagnosis import Diagnosis
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
+from ...diagnosis.results.summary import is_plausible_size
 from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY, INTERVAL_DEVIATIONS
 from ...diagnosis.wording import plain
 from .change import SoundMachine
@@ -199,10 +200,10 @@ class Baseline:
                 share = float(np.prod([part for _, part in choice]))
                 names = tuple(sorted(name for name, _ in choice))
                 probability = share * item.probability
+                same = expanded.get(names, item)
                 if names in expanded:
-                    probability += expanded[names].probability
-                    item = expanded[names]
-                expanded[names] = replace(item, effects=names, probability=probability)
+                    probability += same.probability
+                expanded[names] = replace(same, effects=names, probability=probability)
         # A stable sort keeps the effect that stands for others before them.
         return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
 
@@ -298,7 +299,7 @@ def _as_member(diagnosis: Diagnosis, cause: Cause, effect: Any) -> Cause:
                 max(value - INTERVAL_DEVIATIONS * error, item.low),
                 min(value + INTERVAL_DEVIATIONS * error, item.high),
             ]
-            entry["plausible"] = bool(item.low < value < item.high)
+            entry["plausible"] = is_plausible_size(item, value)
         parameters[item.name] = entry
     return replace(
         cause,

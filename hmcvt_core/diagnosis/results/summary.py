@@ -128,18 +128,23 @@ def _effect_parameters(effect: Effect, size_error: float) -> dict[str, dict[str,
             "meaning": parameter.meaning,
         }
         if parameter.is_size:
-            error = size_error * parameter.typical
-            reach = INTERVAL_DEVIATIONS * size_error * parameter.typical
-            entry["standard_error"] = abs(error)
+            error = abs(size_error * parameter.typical)
+            reach = INTERVAL_DEVIATIONS * error
+            entry["standard_error"] = error
             entry["interval"] = [
                 max(value - reach, parameter.low),
                 min(value + reach, parameter.high),
             ]
-            within = parameter.low < value < parameter.high
-            usual = abs(value) <= max(SIZE_SPREADS) * abs(parameter.typical)
-            entry["plausible"] = bool(within and usual)
+            entry["plausible"] = is_plausible_size(parameter, value)
         values[parameter.name] = entry
     return values
+
+
+def is_plausible_size(parameter: Any, value: float) -> bool:
+    """Whether a size is inside its range, and not far above what its prior expects."""
+    within = parameter.low < value < parameter.high
+    usual = abs(value) <= max(SIZE_SPREADS) * abs(parameter.typical)
+    return bool(within and usual)
 
 
 def _drift(before: Fit, after: Fit, errors: Array) -> dict[str, dict[str, float]]:
