@@ -13,6 +13,7 @@ import click
 
 from hmcvt_core.benches import transmission
 from hmcvt_core.diagnosis import Diagnosis
+from hmcvt_core.diagnosis.pipeline import with_tests_in_range
 from hmcvt_core.diagnosis.results.sentences import handed_over
 from hmcvt_core.errors import HmcvtError, InputError
 from hmcvt_core.files import plain
@@ -101,7 +102,7 @@ def command(
             sound = study.read(baseline, "baseline.csv", stages)
         study.check_gears(stages)
         progress("model")
-        fit = study.identify(samples if sound is None else sound, stages)
+        fit = study.identify(samples, sound, stages)
         progress("diagnosis")
         diagnosis = study.diagnose(fit.model, samples, sound)
         progress("export")
@@ -197,10 +198,18 @@ class _Study:
         self.steps.append(StudyStep("Gear train", tuple(lines), files))
 
     def identify(
-        self, samples: BenchSamples, stages: Sequence[Stage]
+        self,
+        samples: BenchSamples,
+        sound: BenchSamples | None,
+        stages: Sequence[Stage],
     ) -> Identification:
-        """Identify the model."""
-        fit = identify(samples, stage=list(stages), noise=self._noise, seed=self._seed)
+        """Identify the model, from the sound samples where there are some."""
+        fit = identify(
+            samples if sound is None else sound,
+            stage=list(stages),
+            noise=self._noise,
+            seed=self._seed,
+        )
         fit.save(self.folder / "model.yaml")
         files = [
             StudyFile("model.yaml", "the model, for every other command (--params)")
@@ -211,6 +220,11 @@ class _Study:
             lambda path: save(draw_fit, path, fit, None),
         )
         files += self._write_text("fit.txt", "all of it as text", fit.report())
+        if sound is not None:
+            # The diagnosis refits the sound machine with its own effects: a growth belongs to the
+            # parameters of that, which the sheet states.
+            self.steps.append(StudyStep("Model of the sound machine", (), tuple(files)))
+            return fit
         lines = []
         for name, entry in fit.parameters.to_mapping(fit.standard_errors).items():
             lines.append(
@@ -227,8 +241,10 @@ class _Study:
         sound: BenchSamples | None,
     ) -> Diagnosis:
         """Diagnose the gap and choose the next test."""
-        diagnosis = transmission.diagnose(
-            model, samples, noise=self._noise, seed=self._seed, baseline=sound
+        diagnosis = with_tests_in_range(
+            transmission.diagnose(
+                model, samples, noise=self._noise, seed=self._seed, baseline=sound
+            )
         )
         save_model(diagnosis.model, self.folder / "diagnosed.yaml")
         added = handed_over(diagnosis) or "no effect"
@@ -251,10 +267,11 @@ class _Study:
         files += self._write_text("diagnosis.json", "for programs", value)
         self.steps.append(StudyStep("Gap and cause", (), tuple(files)))
         advice = diagnosis.advice
-        files = self._write_text("next.txt", "the plan as text", advice.report())
-        self.steps.append(
-            StudyStep("Next test", tuple(advice.report().splitlines()), tuple(files))
+        # The page leads with the next step: another wording of it here would compete.
+        files = self._write_text(
+            "next.txt", "the next test and the candidates", advice.report()
         )
+        self.steps.append(StudyStep("Next test", (), tuple(files)))
         return diagnosis
 
     def export(self, model: EfficiencyModel) -> None:

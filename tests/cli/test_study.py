@@ -1,8 +1,12 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt study`: what it refuses; tests/end_to_end runs all of it."""
 
-import pytest
+import datetime
 
+import pytest
+from diagnosis.campaigns import diagnosed
+
+from hmcvt_tools.report.study import StudyFile, StudyStep, study_page
 from studies.gearbox import box
 
 from .running import TABLE2, assert_refused
@@ -41,3 +45,10 @@ def test_wrong_signs_are_refused_with_the_option(hmcvt, gears, tmp_path):
     bench.write_text("\n".join(lines) + "\n", encoding="utf-8")
     refused = hmcvt("study", bench, gears, "--out", tmp_path / "out")
     assert_refused(refused, "output_speed in stage R", "--correct-signs does so here")
+
+
+def test_a_step_without_a_result_is_no_section_of_the_page():
+    file = StudyFile("model.yaml", "the model")
+    steps = [StudyStep("Model", (), (file,)), StudyStep("Code", ())]
+    page = study_page("box", diagnosed("nothing"), steps, datetime.date(2026, 5, 1))
+    assert "1. Model" in page and "Code" not in page

@@ -31,6 +31,8 @@ from .sentences import amount as amount
 from .sentences import fraction_interval as fraction_interval
 from .sentences import handed_over as handed_over
 from .sentences import mechanic as mechanic
+from .sentences import next_step as next_step
+from .sentences import power_in_words as power_in_words
 from .sentences import region_words as region_words
 from .sentences import verdict as verdict
 from .stages import mean_and_rms, residuals_by_stage
@@ -52,6 +54,7 @@ def report(outcome: Outcome) -> str:
     """Return the outcome as text, at most 100 columns wide."""
     lines = [
         mechanic(outcome),
+        *([outcome.second_line] if outcome.second_line else []),
         "",
         *outcome.warnings,
         verdict(outcome),
@@ -61,6 +64,7 @@ def report(outcome: Outcome) -> str:
         *_stage_lines(outcome),
         *_cause_lines(outcome),
         *_meter_lines(outcome),
+        *_step_lines(outcome),
         *_test_lines(outcome),
     ]
     notes = outcome.notes[len(outcome.warnings) :]
@@ -274,6 +278,14 @@ def _parameter_in_words(entry: dict[str, Any], coverage: str) -> str:
     low, high = entry["interval"]
     doubt = "" if entry["plausible"] else ", implausible size"
     return f"{value} ({coverage}: {low:.3g} to {high:.3g}){doubt}"
+
+
+def _step_lines(outcome: Outcome) -> list[str]:
+    lines: list[str] = []
+    for step in next_step(outcome):
+        title = "" if lines else "next step"
+        lines.append(f"{title:<{MARGIN}}{step}")
+    return lines
 
 
 def _test_lines(outcome: Outcome) -> list[str]:
