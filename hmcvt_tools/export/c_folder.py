@@ -122,7 +122,7 @@ def _oil(model: EfficiencyModel) -> str:
         )
     return (
         f"The code has no input for it: {', '.join(clauses)}. No option of the export chooses "
-        "another temperature; Python answers at any (`oil_temperature` of `predict`)."
+        "another temperature; `hmcvt predict --oil-temperature` answers at any."
     )
 
 

@@ -76,9 +76,17 @@ def _remedy(outcome: Outcome) -> str:
     return outcome.advice.measure or outcome.named.remedy
 
 
+def needs_no_test(outcome: Outcome) -> bool:
+    """Whether there is no gap, as surely as a cause would be named."""
+    if outcome.verdict != "no_gap":
+        return False
+    sure = outcome.posterior.no_gap >= CAUSE_FOUND_PROBABILITY
+    return sure or not outcome.advice.tests
+
+
 def next_step(outcome: Outcome) -> list[str]:
     """Return what to do next, one paragraph an entry; all reports say this and nothing else."""
-    if outcome.verdict == "no_gap":
+    if needs_no_test(outcome):
         return ["No test is needed: there is no gap to explain."]
     if outcome.verdict == "excess_scatter" and outcome.scatter is not None:
         sensor = outcome.scatter.sensor or "what may have varied"

@@ -31,6 +31,7 @@ from .sentences import amount as amount
 from .sentences import fraction_interval as fraction_interval
 from .sentences import handed_over as handed_over
 from .sentences import mechanic as mechanic
+from .sentences import needs_no_test
 from .sentences import next_step as next_step
 from .sentences import power_in_words as power_in_words
 from .sentences import region_words as region_words
@@ -289,22 +290,19 @@ def _step_lines(outcome: Outcome) -> list[str]:
 
 
 def _test_lines(outcome: Outcome) -> list[str]:
-    tests = outcome.next_tests
-    if not tests:
+    """Return a line for each test at an operating point; a measurement is the next step itself."""
+    tests = [test for test in outcome.next_tests if test.point]
+    if not tests or needs_no_test(outcome):
         return []
-    head = "next tests"
-    if tests[0].point:
-        head += (
-            " (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
-            "halves the choice)"
-        )
+    head = (
+        "next tests (gain: information expected on which explanation is right, in nats; ln 2 = "
+        "0.69 halves the choice)"
+    )
     return [head, *(_test_line(test, outcome) for test in tests)]
 
 
 def _test_line(test: NextTest, outcome: Outcome) -> str:
     separates = f"distinguishes {' from '.join(test.separates)}"
-    if not test.point:
-        return f"  {test.measure}: {separates}"
     words = test_in_words(test, outcome.axes)
     return f"  {words}: {separates}, gain {test.gain:.2g}"
 
