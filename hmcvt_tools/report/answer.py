@@ -148,7 +148,7 @@ def _power(member: Member, power: float) -> str:
     reach = INTERVAL_DEVIATIONS * member.lost_power_error
     sense = 1.0 if power > 0.0 else -1.0
     low, high = (f"{sense * power + change:.0f}" for change in (-reach, reach))
-    return f"{in_words}, with 95 % between {low} and {high} W"
+    return f"{in_words}, 95 %: {low} to {high} W"
 
 
 def how_far(diagnosis: Diagnosis) -> Measure:

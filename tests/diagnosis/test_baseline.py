@@ -105,7 +105,7 @@ def test_the_sheet_has_no_words_of_the_method(worn):
     assert "deviations of the meter" not in text
     assert worn.model.fingerprint not in text
     (member, *_) = worn.members
-    assert re.search(r"\d W lost on average, with 95 % between \d+ and \d+ W", text)
+    assert re.search(r"\d W lost on average, 95 %: \d+ to \d+ W", text)
     relative = member.lost_power_error / member.lost_power
     size = worn.causes[0].parameters["leakage"]
     # The power of one effect is proportional to its size.

@@ -284,7 +284,7 @@ def test_a_condition_is_no_damage():
     (line,) = members(found)
     assert line.detail == (
         "oil, a condition and no damage, 450 W less loss on average than with oil at 60 deg C, "
-        "with 95 % between 432 and 472 W"
+        "95 %: 432 to 472 W"
     )
 
 
