@@ -18,7 +18,7 @@ from ..files.checks import require_seed
 from .analysis import Analysis, model_of, rms
 from .design.advice import Advice
 from .design.classes import find_classes
-from .design.next_test import advise
+from .design.next_test import advise, within_range
 from .detection.regions import candidate_regions
 from .detection.significance import significance
 from .observations import Observations
@@ -29,6 +29,7 @@ from .results.outcome import (
     BASE,
     LEADING_SET,
     NAMING,
+    AnyOutcome,
     Delivered,
     Gap,
     keeping_base,
@@ -187,6 +188,29 @@ def _summarise(
         leading=analysis.leading[0] if analysis.has_candidates else None,
         judge=judge,
     )
+
+
+def with_tests_in_range(outcome: AnyOutcome) -> AnyOutcome:
+    """Return an outcome whose next tests lie within the range of its samples.
+
+    The bench has shown that it can run these. Candidates and notes of the advice stay.
+    """
+    if not outcome.advice.tests:
+        return outcome
+    base = outcome.posterior.base_only.fit
+    system = base.hypothesis.system
+    points = base.observed.points
+    possible = within_range(system.candidates(points, base.base), points, system.axes)
+    inside = advise(outcome.posterior, possible, outcome.classes)
+    advice = replace(
+        outcome.advice,
+        reason=inside.reason,
+        tests=inside.tests,
+        measure=inside.measure,
+        parted=inside.parted,
+        tests_expected=inside.tests_expected,
+    )
+    return replace(outcome, advice=advice, next_tests=advice.next_tests)
 
 
 def next_test(

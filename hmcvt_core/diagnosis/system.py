@@ -212,7 +212,9 @@ class Effect(Protocol):
     empty for a size), `is_size` and `bends` (a shape that may take any value within its range).
     Of several sizes the first is fitted. An attribute `varied` may name base parameters, in
     proportion to their scaled variables, that differ from point to point where the effect acts. An
-    attribute `shared_error` may name the error of a meter that the effect is a larger value of.
+    attribute `shared_error` may name the error of a meter that the effect is a larger value of. An
+    attribute `condition` may name, of an effect that is a condition of the test and no damage, the
+    condition at which it is off.
     """
 
     name: ClassVar[str]

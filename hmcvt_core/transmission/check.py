@@ -23,6 +23,9 @@ WIDE_GAP = 0.01
 """Ratio gap between stages from which a check warns, as a part of the ratio: the best reading of
 Table 1 meets within 0.3 %, so three times as much is no rounding of teeth."""
 
+SLIP_DIGITS = 12
+"""Decimals of a slip: what remains of two equal speeds is below."""
+
 
 @dataclass(frozen=True)
 class StageSpeeds:
@@ -42,6 +45,22 @@ class StageSpeeds:
     ratios: tuple[float, ...]
     direction: str
     rising: bool
+
+
+@dataclass(frozen=True)
+class ClutchSlip:
+    """Slip of a clutch that is open in a stage.
+
+    Attributes:
+        stage: that is engaged.
+        name: of the clutch.
+        slips: speed of its first side less that of its second / engine speed at `STROKES` [-]; NaN
+            where the stage has no finite speed.
+    """
+
+    stage: str
+    name: str
+    slips: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -72,11 +91,13 @@ class TransmissionCheck:
         stages: one entry per stage.
         overlaps: one entry per pair of neighbours of one direction, slowest first.
         remarks: what looks wrong, in plain sentences.
+        clutches: one entry per open clutch of each stage.
     """
 
     stages: tuple[StageSpeeds, ...]
     overlaps: tuple[Overlap, ...]
     remarks: tuple[str, ...]
+    clutches: tuple[ClutchSlip, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data."""
@@ -105,7 +126,21 @@ def check_stages(stages: Sequence[Stage]) -> TransmissionCheck:
                 f"{meeting.lower} ends at {meeting.lower_end:.4f}, {meeting.upper} begins "
                 f"at {meeting.upper_end:.4f}: no stage drives the ratios between"
             )
-    return TransmissionCheck(speeds, tuple(overlaps), tuple(remarks))
+    clutches = []
+    for stage, entry in zip(stages, speeds, strict=True):
+        clutches += _clutch_slips(stage, entry)
+    return TransmissionCheck(speeds, tuple(overlaps), tuple(remarks), tuple(clutches))
+
+
+def _clutch_slips(stage: Stage, speeds: StageSpeeds) -> list[ClutchSlip]:
+    """Return the slips of the clutches that are open in a stage."""
+    clutches = []
+    for name, per_engine, per_output in stage.open_clutches:
+        slips = per_engine + per_output * np.array(speeds.ratios)
+        # Adding zero makes a negative zero positive.
+        rounded = np.round(slips, SLIP_DIGITS) + 0.0
+        clutches.append(ClutchSlip(stage.name, name, tuple(rounded.tolist())))
+    return clutches
 
 
 def _standstill_remarks(stage: Stage, speeds: StageSpeeds) -> list[str]:

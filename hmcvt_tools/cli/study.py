@@ -14,6 +14,7 @@ import click
 
 from hmcvt_core.benches import transmission
 from hmcvt_core.diagnosis import Diagnosis
+from hmcvt_core.diagnosis.pipeline import with_tests_in_range
 from hmcvt_core.diagnosis.results.sentences import handed_over
 from hmcvt_core.diagnosis.settings import NAMED_SAMPLES
 from hmcvt_core.errors import HmcvtError, InputError
@@ -118,7 +119,7 @@ def command(
         progress("gear train")
         study.check_gears(stages)
         progress("model")
-        fit = study.identify(samples if sound is None else sound, stages)
+        fit = study.identify(samples, sound, stages)
         diagnosis = study.diagnose(fit.model, samples, sound, progress)
         progress("C and FMU")
         study.export(diagnosis.model, error)
@@ -241,10 +242,18 @@ class _Study:
         self.steps.append(StudyStep("Gear train", tuple(lines), files))
 
     def identify(
-        self, samples: BenchSamples, stages: Sequence[Stage]
+        self,
+        samples: BenchSamples,
+        sound: BenchSamples | None,
+        stages: Sequence[Stage],
     ) -> Identification:
-        """Identify the model."""
-        fit = identify(samples, stage=list(stages), noise=self._noise, seed=self._seed)
+        """Identify the model, from the sound samples where there are some."""
+        fit = identify(
+            samples if sound is None else sound,
+            stage=list(stages),
+            noise=self._noise,
+            seed=self._seed,
+        )
         fit.save(self.folder / "model.yaml")
         files = [
             StudyFile("model.yaml", "the model, for every other command (--params)")
@@ -255,6 +264,11 @@ class _Study:
             lambda path: save(draw_fit, path, fit, None),
         )
         files += self._write_text("fit.txt", "all of it as text", fit.report())
+        if sound is not None:
+            # The diagnosis refits the sound machine with its own effects: a growth belongs to the
+            # parameters of that, which the sheet states.
+            self.steps.append(StudyStep("Model of the sound machine", (), tuple(files)))
+            return fit
         lines = []
         for name, entry in fit.parameters.to_mapping(fit.standard_errors).items():
             lines.append(
@@ -272,13 +286,15 @@ class _Study:
         progress: Callable[[str], None],
     ) -> Diagnosis:
         """Diagnose the gap and choose the next test."""
-        diagnosis = transmission.diagnose(
-            model,
-            samples,
-            noise=self._noise,
-            seed=self._seed,
-            progress=lambda text: progress(f"diagnosis, {text}"),
-            baseline=sound,
+        diagnosis = with_tests_in_range(
+            transmission.diagnose(
+                model,
+                samples,
+                noise=self._noise,
+                seed=self._seed,
+                progress=lambda text: progress(f"diagnosis, {text}"),
+                baseline=sound,
+            )
         )
         diagnosis = self._with_left_out(diagnosis)
         remarks = (*self._left_out, *self._shared)
@@ -306,10 +322,11 @@ class _Study:
         lines = tuple(f"Note: {note}." for note in notes)
         self.steps.append(StudyStep("Gap and cause", lines, tuple(files)))
         advice = diagnosis.advice
-        files = self._write_text("next.txt", "the plan as text", advice.report())
-        self.steps.append(
-            StudyStep("Next test", tuple(advice.report().splitlines()), tuple(files))
+        # The page leads with the next step: another wording of it here would compete.
+        files = self._write_text(
+            "next.txt", "the next test and the candidates", advice.report()
         )
+        self.steps.append(StudyStep("Next test", (), tuple(files)))
         return diagnosis
 
     def _with_left_out(self, diagnosis: Diagnosis) -> Diagnosis:

@@ -212,8 +212,21 @@ def _teeth_notes(gear_pairs: _NamedRatios) -> list[str]:
 
 
 def _asked_line(prompt: str) -> str:
-    """Ask for a line, which may be empty."""
-    line: str = click.prompt(prompt, default="", show_default=False, err=True)
+    """Ask for a line, which may be empty.
+
+    Raises:
+        InputError: the input ends before the line.
+    """
+    try:
+        line: str = click.prompt(prompt, default="", show_default=False, err=True)
+    except click.Abort as error:
+        # click raises the same for an interrupt, which needs no advice.
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        click.echo(err=True)
+        raise InputError(
+            f"the input ended before the answer to {prompt!r}; nothing is written"
+        ) from None
     return line.strip()
 
 
@@ -245,7 +258,11 @@ def _asked_numbers(prompt: str) -> _NamedRatios:
 
 
 def _asked_stages() -> tuple[str, ...]:
-    """Ask for stages; one that cannot be read is asked again."""
+    """Ask for stages; one that cannot be read is asked again.
+
+    Raises:
+        InputError: no stage is stated, or the input ends.
+    """
     click.echo(_STAGE_EXAMPLES, err=True)
     stages: list[str] = []
     while True:
@@ -253,7 +270,7 @@ def _asked_stages() -> tuple[str, ...]:
         if not line and stages:
             return tuple(stages)
         if not line:
-            continue
+            raise InputError("no stage is stated; nothing is written")
         try:
             stage_from_text(line)
         except InputError as error:
@@ -271,7 +288,7 @@ def _asked_stages() -> tuple[str, ...]:
 )
 @click.argument("transmission", metavar="[T.yaml]", required=False)
 def check(transmission: str | None, picture: str | None) -> Answer:
-    """Check a transmission file: speed ratios, direction, and how the stages meet.
+    """Check a transmission file: speed ratios, slips of open clutches, and how the stages meet.
 
     The picture is a sketch of the power paths. The shipped file is checked when none is given.
     """
@@ -297,6 +314,8 @@ def _report(check: TransmissionCheck) -> str:
         effect = "faster" if stage.rising else "slower"
         rows.append((stage.name, stage.layout, *ratios, stage.direction, effect))
     lines = [common.table(head, rows)]
+    if check.clutches:
+        lines.append(_clutch_table(check))
     for meeting in check.overlaps:
         kind = "overlap" if meeting.overlap >= 0.0 else "gap"
         lines.append(
@@ -305,6 +324,18 @@ def _report(check: TransmissionCheck) -> str:
         )
     lines += [f"note: {remark}" for remark in check.remarks]
     return "\n".join(lines)
+
+
+def _clutch_table(check: TransmissionCheck) -> str:
+    """Return the slips of the open clutches as a table, stage by stage."""
+    head = ["stage", "open clutch"]
+    head += [f"slip at {stroke:+g}" for stroke in STROKES]
+    rows = []
+    for clutch in check.clutches:
+        slips = [f"{slip:.4f}" for slip in clutch.slips]
+        rows.append((clutch.stage, clutch.name, *slips))
+    meaning = "slip: (speed of the first side - that of the second) / engine speed"
+    return f"{common.table(head, rows)}\n{meaning}"
 
 
 @common.command(

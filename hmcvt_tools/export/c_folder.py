@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from hmcvt_core.model.model import EfficiencyModel
+from hmcvt_core.model.oil import without_oil_temperature
 from hmcvt_core.version import __version__
 
 from . import c_text
@@ -12,6 +13,10 @@ from .a2l import a2l_text
 from .c_model import MODEL_HEADER, MODEL_SOURCE, CModel, c_model, template
 from .effect_tables import BOUND, TABLES_REMARK, Accuracy
 from .folder import require_new, write_folder
+from .stage_choice import CHECK as STAGE_CHECK
+from .stage_choice import HEADER as STAGE_HEADER
+from .stage_choice import SOURCE as STAGE_SOURCE
+from .stage_choice import VECTORS as STAGE_VECTORS
 from .stage_choice import stage_choice_files
 from .vectors import TABLE_TOLERANCE, vectors_csv
 
@@ -19,6 +24,10 @@ CHECK_SOURCE = "check.c"
 VECTORS = "vectors.csv"
 README = "README.md"
 A2L = "hmcvt_model.a2l"
+_STAGE_FILES = (
+    ((STAGE_HEADER, STAGE_SOURCE), "the choice of the stage, with hysteresis"),
+    ((STAGE_CHECK, STAGE_VECTORS), "self-test of that choice, with answers of Python"),
+)
 SINGLE_TOLERANCE = 1e-4
 SEARCH_TOLERANCE = 1e-6
 """Tolerances of the self-test, as parts of each quantity."""
@@ -84,18 +93,31 @@ def _files(model: EfficiencyModel, code: CModel, precision: str) -> dict[str, st
         single_tolerance=max(tolerance, SINGLE_TOLERANCE),
         search_tolerance=max(tolerance, SEARCH_TOLERANCE),
     )
+    of_choice = stage_choice_files(model, code.accuracy is not None)
+    rows = []
+    for names, content in _STAGE_FILES:
+        if of_choice.keys() >= set(names):
+            listed = ", ".join(f"`{name}`" for name in names)
+            rows.append(f"| {listed} | {content} |\n")
+    count = vectors.count("\n") - 2
     return {
         MODEL_HEADER: code.header,
         MODEL_SOURCE: code.source,
         CHECK_SOURCE: check,
         VECTORS: vectors,
         A2L: a2l_text(model, precision),
-        README: _readme(model, code, precision, vectors.count("\n") - 2),
-        **stage_choice_files(model, code.accuracy is not None),
+        README: _readme(model, code, precision, count, "".join(rows)),
+        **of_choice,
     }
 
 
-def _readme(model: EfficiencyModel, code: CModel, precision: str, vectors: int) -> str:
+def _readme(
+    model: EfficiencyModel,
+    code: CModel,
+    precision: str,
+    vectors: int,
+    stage_files: str,
+) -> str:
     names = []
     for number, name in enumerate(model.stages):
         names.append(f" {number} `{c_text.comment(name)}`")
@@ -106,6 +128,22 @@ def _readme(model: EfficiencyModel, code: CModel, precision: str, vectors: int) 
         precision=precision,
         vectors=vectors,
         exactness=_exactness(code),
+        stage_files=stage_files,
+        oil=_oil(model),
+    )
+
+
+def _oil(model: EfficiencyModel) -> str:
+    """Return for which oil temperature the code answers."""
+    clauses = without_oil_temperature(model.effects)
+    if not clauses:
+        return (
+            "The model reads none: it answers for oil as warm as that of the tests from which it "
+            "was identified."
+        )
+    return (
+        f"The code has no input for it: {', '.join(clauses)}. No option of the export chooses "
+        "another temperature; `hmcvt predict --oil-temperature` answers at any."
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from hmcvt_core.diagnosis import Diagnosis
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import Cause
+from hmcvt_core.diagnosis.settings import INTERVAL_DEVIATIONS
 from hmcvt_core.diagnosis.statements.members import Member
 
 VERDICTS = {
@@ -24,13 +25,6 @@ VERDICTS = {
 MAX_MEMBERS = 4
 """Causes that the answer lists; the details have all. Chosen so that they fit on one screen."""
 _UNLISTED = "an effect that is not listed"
-_NO_STEPS = ("note: ", "stop: ")
-"""Beginnings of sentences of the advice that ask for nothing."""
-_WHERE_NO_EFFECT_EXPLAINS = (
-    "No test between listed effects helps while none of them explains the gap. Repeat the points "
-    "at which the gap is large and measure more points there, closer together."
-)
-
 
 _PRINTED_UNITS = (
     ("m3", "m\N{SUPERSCRIPT THREE}"),
@@ -130,8 +124,10 @@ def _line(member: Member) -> MemberLine:
         details.append(words.plain(member.component))
     if member.is_class:
         details.append("one of them; no test distinguishes them")
+    if member.condition:
+        details.append("a condition and no damage")
     if member.lost_power is not None:
-        details.append(power_in_words(member.lost_power))
+        details.append(_power(member, member.lost_power))
     if not member.form_fits:
         details.append("in a form that is not in the library")
     return MemberLine(
@@ -142,13 +138,17 @@ def _line(member: Member) -> MemberLine:
     )
 
 
-def power_in_words(power: float) -> str:
-    """Return a mean power lost [W] in words."""
-    rounded = float(f"{power:.2g}")
-    if abs(rounded) < 1.0:
+def _power(member: Member, power: float) -> str:
+    """Return the mean power that a member takes [W] in words, with its interval."""
+    if abs(power) < 1.0:
         return "barely any power"
-    change = "lost" if rounded > 0.0 else "gained"
-    return f"{abs(rounded):.0f} W {change} on average"
+    in_words = words.power_in_words(power, member.condition)
+    if member.lost_power_error is None:
+        return in_words
+    reach = INTERVAL_DEVIATIONS * member.lost_power_error
+    sense = 1.0 if power > 0.0 else -1.0
+    low, high = (f"{sense * power + change:.0f}" for change in (-reach, reach))
+    return f"{in_words}, 95 %: {low} to {high} W"
 
 
 def how_far(diagnosis: Diagnosis) -> Measure:
@@ -183,28 +183,6 @@ def how_far(diagnosis: Diagnosis) -> Measure:
         f"of the squared gap removed, on {shrinkage.on} ({interval}{before} "
         f"\N{RIGHTWARDS ARROW} {after} beyond the noise)",
     )
-
-
-def next_step(diagnosis: Diagnosis) -> list[str]:
-    """Return what to do next, one paragraph an entry."""
-    if diagnosis.verdict == "no_gap":
-        return ["No test is needed: there is no gap to explain."]
-    if diagnosis.verdict == "excess_scatter" and diagnosis.scatter is not None:
-        sensor = diagnosis.scatter.sensor or "what may have varied"
-        checked = "the stated noise"
-        if diagnosis.agreement.of_meters_alone:
-            checked = "that meter"
-        return [f"Check {checked}, or record {sensor} with each test."]
-    named = diagnosis.named
-    if not diagnosis.next_tests and named is not None and named.remedy:
-        return [f"To settle it: {named.remedy}."]
-    if diagnosis.verdict == "unexplained" and not diagnosis.next_tests:
-        return [_WHERE_NO_EFFECT_EXPLAINS]
-    steps = []
-    for step in diagnosis.advice.steps():
-        if not step.startswith(_NO_STEPS):
-            steps.append(step)
-    return steps or ["No further test is known that would distinguish the causes."]
 
 
 def scatter_sentence(diagnosis: Diagnosis) -> str:

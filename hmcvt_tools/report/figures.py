@@ -14,7 +14,6 @@ from .answer import (
     VERDICTS,
     how_far,
     members,
-    next_step,
     scatter_sentence,
     unit_in_words,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "look_rows",
     "machine",
     "members",
-    "next_step",
     "page_maps",
     "place_rows",
     "plot_diagnosis",

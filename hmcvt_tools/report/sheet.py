@@ -17,7 +17,6 @@ from .answer import (
     VERDICTS,
     how_far,
     members,
-    next_step,
     scatter_sentence,
     sizes,
     unit_in_words,
@@ -29,6 +28,7 @@ _PAPER = (8.27, 11.69)  # A4 [in]
 _FONT = 11.0  # pt; the whole sheet has one size, the verdict alone is larger
 _HEADLINE = 17.0  # pt
 _COLUMNS = 84  # letters of a line of the sheet's font
+_BOLD_COLUMNS = 76
 _HEADLINE_COLUMNS = 46
 _LINE = 0.0175  # height of a line; part of the sheet
 _LEFT = 0.09
@@ -108,12 +108,13 @@ def _draw_answer(figure: Any, diagnosis: Diagnosis) -> float:
         figure.text(_LEFT, height, line, size=_HEADLINE, weight="bold", va="top")
         height -= 1.6 * _LINE
     height -= 0.5 * _LINE
+    height = _write(figure, height, diagnosis.second_line, weight="bold")
     for sentence in (*diagnosis.warnings, scatter_sentence(diagnosis)):
         height = _write(figure, height, sentence)
     height = _paragraphs(figure, height, "Possible causes", _member_lines(diagnosis))
     size = how_far(diagnosis)
     height = _paragraphs(figure, height, "How far", [f"{size.value} {size.meaning}."])
-    return _paragraphs(figure, height, "Next step", next_step(diagnosis))
+    return _paragraphs(figure, height, "Next step", words.next_step(diagnosis))
 
 
 def _member_lines(diagnosis: Diagnosis) -> list[str]:
@@ -155,15 +156,26 @@ def _draw_picture(
 
 
 def _parameter_lines(diagnosis: Diagnosis) -> list[str]:
-    """Return the sizes of the leading cause, and the base parameters with their errors."""
+    """Return the sizes of the leading cause, and the base parameters with their errors.
+
+    Against a baseline these are the errors of the meters.
+    """
     lines = []
-    if diagnosis.named is not None:
+    baseline = getattr(diagnosis, "baseline", None)
+    growth = None if baseline is None else baseline.growth(diagnosis)
+    if growth is not None:
+        lines.append(
+            f"{growth.word} of the sound machine {words.number(growth.sound)} "
+            f"{unit_in_words(growth.unit)}, now {100.0 * growth.part:+.0f} %"
+        )
+    elif diagnosis.named is not None:
         lines += sizes(diagnosis.named)
     base = []
     for name, estimate in list(diagnosis.parameters.items())[:_MAX_PARAMETERS]:
         base.append(f"{words.plain(name)} {_estimate_in_words(estimate)}")
     if base:
-        lines.append(f"Base: {'; '.join(base)}")
+        title = "Base" if baseline is None else "Meters since then"
+        lines.append(f"{title}: {'; '.join(base)}")
     return lines
 
 
@@ -178,10 +190,10 @@ def _fit_lines(diagnosis: Diagnosis, date: datetime.date) -> list[str]:
     """Return the fit in one line, then date and names of files."""
     gap = diagnosis.gap
     fit = (
-        f"{gap.samples} samples, noise {words.amount(diagnosis, gap.noise)}, error at samples "
-        f"left out {words.amount(diagnosis, diagnosis.delivered.rmse_before)} before and "
-        f"{words.amount(diagnosis, diagnosis.delivered.rmse_after)} after, "
-        f"{words.p_is(gap.p_value)}"
+        f"{gap.samples} tests with a scatter of {words.amount(diagnosis, gap.noise)}; at tests "
+        f"left out the model misses by {words.amount(diagnosis, diagnosis.delivered.rmse_before)} "
+        f"before and {words.amount(diagnosis, diagnosis.delivered.rmse_after)} after; chance "
+        f"alone makes such a gap with {words.p_is(gap.p_value)}"
     )
     files = [f"{date.isoformat()}; bench {_file_name(diagnosis.samples.source)}"]
     if diagnosis.judged is not diagnosis.samples:
@@ -189,9 +201,6 @@ def _fit_lines(diagnosis: Diagnosis, date: datetime.date) -> list[str]:
     baseline = getattr(diagnosis, "baseline", None)
     if baseline is not None:
         files.append(f"baseline {_file_name(baseline.source)}")
-    fingerprint = getattr(diagnosis.model, "fingerprint", None)
-    if fingerprint is not None:
-        files.append(f"model {fingerprint}")
     lines = [fit, ", ".join(files)]
     if diagnosis.left_out:
         left_out = words.listed(diagnosis.left_out, "and")
@@ -243,7 +252,8 @@ def _write(figure: Any, height: float, text: str, **style: Any) -> float:
     """Write wrapped text from the height downward; return the height below it."""
     if not text:
         return height
-    for line in textwrap.wrap(_printable(text), _COLUMNS):
+    columns = _BOLD_COLUMNS if style.get("weight") == "bold" else _COLUMNS
+    for line in textwrap.wrap(_printable(text), columns):
         look = {"color": INK, **style}
         figure.text(_LEFT, height, line, size=_FONT, va="top", **look)
         height -= _LINE

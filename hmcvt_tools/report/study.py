@@ -10,7 +10,7 @@ from typing import NamedTuple
 from hmcvt_core.diagnosis import Diagnosis
 from hmcvt_core.diagnosis.results import text as words
 
-from .answer import VERDICTS, how_far, members, next_step
+from .answer import VERDICTS, how_far, members
 from .style import render
 
 
@@ -63,9 +63,10 @@ def study_page(
         date=date.isoformat(),
         verdict=VERDICTS[diagnosis.verdict],
         headline=words.mechanic(diagnosis),
+        second_line=diagnosis.second_line,
         members=members(diagnosis),
         size=how_far(diagnosis),
-        next_step=next_step(diagnosis),
+        next_step=words.next_step(diagnosis),
         warnings=diagnosis.warnings,
-        steps=steps,
+        steps=[step for step in steps if step.lines or step.files],
     )

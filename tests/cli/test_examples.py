@@ -578,6 +578,16 @@ def test_page_on_predictions(hmcvt, workplace):
     followed(hmcvt, page, 15)
 
 
+def test_clutches_on_the_page_on_transmissions(hmcvt, workplace):
+    page = (DOCS / "add-a-transmission.md").read_text(encoding="utf-8")
+    (command,) = [line for line in _lines(page) if '--clutch "CR' in line]
+    (table,) = [block for block in blocks(page) if "open clutch" in block[0]]
+    printed = hmcvt(*shlex.split(command)[1:])
+    follow(hmcvt, table, printed.out.splitlines())
+    checked = hmcvt("transmission", "check", "gears.yaml")
+    follow(hmcvt, table, checked.out.splitlines())
+
+
 def test_fuel_in_the_readme(hmcvt, workplace):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     strategies = ("causal", "engine_line", "fixed_speed")

@@ -1,12 +1,15 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """`hmcvt study`: what it refuses; tests/end_to_end runs all of it."""
 
+import datetime
 import re
 
 import pytest
+from diagnosis.campaigns import diagnosed
 
 from hmcvt_tools.cli import study as study_module
 from hmcvt_tools.export.effect_tables import BoundError
+from hmcvt_tools.report.study import StudyFile, StudyStep, study_page
 from studies.gearbox import box
 
 from .running import TABLE2, assert_refused, run
@@ -144,3 +147,10 @@ def test_a_bound_out_of_range_is_refused_before_the_work(hmcvt, gears, tmp_path)
     refused = hmcvt("study", TABLE2, gears, "--out", out, "--bound", "50%")
     assert_refused(refused, "bound")
     assert not out.exists()
+
+
+def test_a_step_without_a_result_is_no_section_of_the_page():
+    file = StudyFile("model.yaml", "the model")
+    steps = [StudyStep("Model", (), (file,)), StudyStep("Code", ())]
+    page = study_page("box", diagnosed("nothing"), steps, datetime.date(2026, 5, 1))
+    assert "1. Model" in page and "Code" not in page

@@ -114,6 +114,39 @@ def test_an_answer_that_cannot_be_read_is_asked_again(tmp_path):
         assert refused in done.err
 
 
+@pytest.mark.parametrize(
+    ("after_the_units", "words"),
+    [
+        ("\n", "no stage is stated; nothing is written"),
+        ("", "the input ended before the answer to 'Stage (empty to end)'"),
+    ],
+)
+def test_questions_end_with_one_line(tmp_path, after_the_units, words):
+    path = tmp_path / "T.yaml"
+    answers = "4=0.678\n\nk1=2.56\n\n\n\n\n" + after_the_units
+    done = process("transmission", "new", path, input=answers)
+    assert done.code == 2
+    assert words in done.err.splitlines()[-1]
+    assert done.err.count("Stage (empty to end)") == (1 if after_the_units else 2)
+    assert not path.exists()
+
+
+def test_slips_of_open_clutches_are_printed_by_stage(hmcvt, tmp_path):
+    path = tmp_path / "T.yaml"
+    assert hmcvt("transmission", "new", path, *box.DESCRIPTION).code == 0
+    check = hmcvt("transmission", "check", path, "--json").json
+    slips = {(item["stage"], item["name"]): item["slips"] for item in check["clutches"]}
+    # Of the two clutches of the ring one is open, of the four of the output three.
+    assert len(slips) == 5 * 4
+    for stroke, slip in zip((-1, 0, 1), slips["F2", "C4"], strict=True):
+        output = box.speed_ratio("F2", stroke)
+        carrier = output * box.output_ratio("F2")
+        assert slip == pytest.approx(carrier - output, abs=1e-9)
+    assert slips["R", "CF"] == pytest.approx(3 * [45 / 36 + 20 / 80])
+    printed = hmcvt("transmission", "check", path).out.splitlines()
+    assert any(line.split() == ["R", "CF", *3 * ["1.5000"]] for line in printed)
+
+
 def test_an_assumed_displacement_is_stated(hmcvt, tmp_path):
     stated = ("--pump-displacement", "80", "--motor-displacement", "80,5")
     path = tmp_path / "T.yaml"

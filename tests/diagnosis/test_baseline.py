@@ -1,7 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """A transmission compared with its sound state."""
 
+import datetime
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +13,14 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.benches.baseline.record import _without_gap
 from hmcvt_core.benches.transmission.change import shared_test_notes
+from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.files.bench import joined
 from hmcvt_core.physics.effects.mechanical import Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
 from hmcvt_tools.report import html
+from hmcvt_tools.report.sheet import draw_sheet
+from hmcvt_tools.report.study import study_page
+from hmcvt_tools.report.style import styled
 
 from .campaigns import BASE, campaign
 
@@ -62,9 +68,60 @@ def test_growth_is_stated_in_per_cent_of_the_baseline(worn):
     growth = worn.baseline.growth(worn)
     low, high = growth.interval
     assert growth.word == "leakage" and low < 0.5 < high
-    assert (
-        "leakage +" in worn.report() and "% against the baseline (from" in worn.report()
+    assert growth.sound == worn.baseline.machine.parameters["leakage"].value
+    per_cent = [f"{100.0 * value:+.0f} %" for value in (growth.part, high)]
+    assert worn.second_line == (
+        f"Leakage {per_cent[0]} against the sound machine (95 % interval "
+        f"{100.0 * low:+.0f} to {per_cent[1]})."
     )
+    warm = growth.sentence(np.array([68.0, 70.0]))
+    assert "against the sound machine at 69 deg C (95 %" in warm
+    assert worn.to_dict()["baseline"]["growth"]["part"] == growth.part
+
+
+@pytest.mark.usefixtures("coarse_maps")
+def test_the_growth_is_the_second_line_of_every_report(worn):
+    first, _, _ = worn.report().partition("\n\n")
+    assert " ".join(first.split()) == f"{words.mechanic(worn)} {worn.second_line}"
+    date = datetime.date(2026, 5, 1)
+    for page in (html(worn), study_page("box", worn, [], date)):
+        texts = re.findall(r'<p class="verdict">(.*?)</p>', page)
+        assert texts == [words.mechanic(worn), worn.second_line]
+    texts = texts_of_sheet(worn)
+    assert worn.second_line in " ".join(texts)
+    # What is compared, and no other size of the leakage.
+    growth = worn.baseline.growth(worn)
+    assert f"now {100.0 * growth.part:+.0f} %" in " ".join(texts)
+    assert not any("laminar leakage, leakage:" in text for text in texts)
+
+
+def texts_of_sheet(diagnosis):
+    """Return the texts of the one page of paper, line by line."""
+    with styled((8.27, 11.69)) as figure:
+        draw_sheet(figure, diagnosis, datetime.date(2026, 5, 1))
+        return [text.get_text() for text in figure.texts]
+
+
+def test_the_sheet_has_no_words_of_the_method(worn):
+    text = " ".join(texts_of_sheet(worn))
+    assert "deviations of the meter" not in text
+    assert worn.model.fingerprint not in text
+    (member, *_) = worn.members
+    assert re.search(r"\d W lost on average, 95 %: \d+ to \d+ W", text)
+    relative = member.lost_power_error / member.lost_power
+    size = worn.causes[0].parameters["leakage"]
+    # The power of one effect is proportional to its size.
+    assert relative == pytest.approx(size["standard_error"] / size["value"], rel=0.2)
+
+
+def test_a_growth_is_no_more_certain_than_its_cause(worn):
+    doubted = replace(worn.causes[0], probability=0.5)
+    doubtful = replace(worn, causes=(doubted, *worn.causes[1:]))
+    line = worn.baseline._second_line(doubtful)
+    assert line.startswith("If it is laminar leakage: Leakage +")
+    nothing = replace(worn, verdict="unexplained")
+    assert worn.baseline._second_line(nothing) == ""
+    assert nothing.to_dict()["baseline"]["growth"] is None
 
 
 def _with_interval(diagnosis, low, names):
@@ -111,6 +168,7 @@ def test_no_gap_stands_above_no_significant_one(sound):
 def test_without_a_gap_the_base_is_handed_over(worn):
     assert worn.delivered.kind == "leading set"
     without = _without_gap(worn, worn.baseline.excess)
+    assert without.advice.report().startswith("stop: no gap worth a test")
     assert without.delivered.kind == "base" and without.model is without.base
     np.testing.assert_array_equal(without.residuals_after, without.residuals_before)
 

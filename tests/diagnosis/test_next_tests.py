@@ -17,8 +17,11 @@ from hmcvt_core.benches.transmission.system import (
 )
 from hmcvt_core.diagnosis.design import advice as wording
 from hmcvt_core.diagnosis.design.advice import NextTest
+from hmcvt_core.diagnosis.design.next_test import within_range
+from hmcvt_core.diagnosis.pipeline import with_tests_in_range
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
+from hmcvt_core.diagnosis.system import Axis
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage
 from hmcvt_core.physics.effects.mechanical import (
@@ -138,3 +141,44 @@ def test_one_reading_needs_no_number():
     test = NextTest(point, ("a", "b"), 1.0)
     axes = [axis for axis in Transmission(BASE).axes if axis.name in AXES]
     assert "times" not in wording.test_in_words(test, axes)
+
+
+def test_tests_within_the_range_of_the_readings_of_their_stage():
+    speed = Axis.of("speed", "rad/s")
+    stage = replace(Axis.of("stage"), steered=False, labels=("one", "two"))
+    measured = {
+        "speed": np.array([100.0, 150.0, 200.0, 220.0]),
+        "stage": np.array([0.0, 0.0, 1.0, 1.0]),
+    }
+    possible = {
+        "speed": np.array([90.0, 100.0, 160.0, 210.0, 210.0, 230.0, 120.0]),
+        "stage": np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 2.0]),
+    }
+    inside = within_range(possible, measured, (speed, stage))
+    assert inside["speed"].tolist() == [100.0, 210.0]
+    assert inside["stage"].tolist() == [0.0, 1.0]
+    alone = within_range(
+        {"speed": possible["speed"]}, {"speed": measured["speed"]}, (speed,)
+    )
+    assert alone["speed"].tolist() == [100.0, 160.0, 210.0, 210.0, 120.0]
+
+
+def test_next_tests_can_be_kept_within_the_samples():
+    samples = campaign(EFFECTS["two"], 2, n=20)
+    narrow = samples.select(np.flatnonzero(samples.engine_speed < 190.0))
+    found = hmcvt.diagnose(BASE, narrow, noise=NOISE)
+    assert not all(_is_within(narrow, test) for test in found.advice.tests)
+    inside = with_tests_in_range(found)
+    assert inside.advice.tests
+    assert all(_is_within(narrow, test) for test in inside.advice.tests)
+    assert inside.next_tests == inside.advice.next_tests
+    assert inside.advice.candidates == found.advice.candidates
+
+
+def _is_within(samples, test):
+    """Whether a test lies within the range of samples along each axis."""
+    within = []
+    for name in AXES:
+        values = getattr(samples, name)
+        within.append(values.min() <= test.point[name] <= values.max())
+    return all(within)

@@ -2,12 +2,17 @@
 """Numbers and sentences that tell a diagnosis."""
 
 from dataclasses import replace
+from html import unescape
 
 import pytest
 
-from hmcvt_core.diagnosis import Region
+from hmcvt_core.diagnosis import NextTest, Region
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import LEADING_SET, Cause, CauseSet, Delivered
+from hmcvt_core.diagnosis.statements.members import Member, condition_of
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_tools.report import html
+from hmcvt_tools.report.answer import members
 
 from .campaigns import diagnosed
 
@@ -165,6 +170,15 @@ def test_verdicts():
         both
     )
     assert words.mechanic(both).startswith("Probably charge pump and churning, about ")
+    test = NextTest({}, ("charge pump", "churning"), 0.5)
+    with_test = replace(alone, remedy="measure the charge pressure")
+    for tests, end in (
+        ((), ": measure the charge pressure."),
+        ((test,), " on average."),
+    ):
+        advice = replace(found.advice, tests=tests, measure=None)
+        told = replace(found, advice=advice, causes=(with_test,))
+        assert words.mechanic(told).endswith(end)
     doubt = replace(
         both,
         verdict="ambiguous",
@@ -206,3 +220,78 @@ def test_verdicts():
     ):
         told = replace(found, shrinkage=replace(found.shrinkage, fraction=fraction))
         assert words.verdict(told).endswith(end)
+
+
+@pytest.mark.parametrize(
+    ("power", "condition", "text"),
+    [
+        (834.0, "", "830 W lost on average"),
+        (-918.0, "", "920 W less loss on average"),
+        (
+            -452.0,
+            "oil at 60 deg C",
+            "450 W less loss on average than with oil at 60 deg C",
+        ),
+        (
+            452.0,
+            "oil at 60 deg C",
+            "450 W more loss on average than with oil at 60 deg C",
+        ),
+    ],
+)
+def test_power_in_words(power, condition, text):
+    assert words.power_in_words(power, condition) == text
+
+
+def test_a_condition_is_no_damage():
+    oil = Member(
+        ("oil_temperature",),
+        "oil",
+        0.97,
+        lost_power=-452.0,
+        lost_power_error=10.0,
+        condition=condition_of(OilTemperature()),
+    )
+    cause = Cause(
+        "oil_temperature",
+        "",
+        "oil",
+        0.97,
+        (),
+        None,
+        {},
+        0.001,
+        0.7,
+        {},
+        "",
+        "",
+        "",
+        None,
+    )
+    found = replace(
+        unexplained(),
+        verdict="cause_found",
+        causes=(cause,),
+        sets=(CauseSet(("oil_temperature",), 0.9, 0.001, 0.7),),
+        members=(oil,),
+        set_is_settled=True,
+        lost_power=-452.0,
+    )
+    assert words.mechanic(found).startswith(
+        "Probably oil temperature, a condition and no damage, about 450 W less loss on average "
+        "than with oil at 60 deg C"
+    )
+    (line,) = members(found)
+    assert line.detail == (
+        "oil, a condition and no damage, 450 W less loss on average than with oil at 60 deg C, "
+        "95 %: 432 to 472 W"
+    )
+
+
+def test_every_report_has_the_same_next_step():
+    found = diagnosed("charge pump")
+    steps = words.next_step(found)
+    text = " ".join(found.report().split())
+    assert f"next step {' '.join(steps)}" in text
+    texts = unescape(" ".join(html(found).split()))
+    assert all(step[1:] in texts for step in steps)

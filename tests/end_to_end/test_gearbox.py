@@ -163,6 +163,21 @@ def test_the_model_handed_over_predicts_a_fresh_campaign(study):
 def test_the_next_step_is_a_test_or_a_reason(study):
     text = (study[0] / "next.txt").read_text(encoding="utf-8")
     assert text.startswith(("next test: stroke", "stop: ", "measure: "))
+    page = (study[0] / "index.html").read_text(encoding="utf-8")
+    assert page.count("next test:") <= 1
+    bench = hmcvt.read_bench(study[0] / "bench.csv")
+    for test in study[1]["diagnosis"]["next_tests"]:
+        if test["stage"] is None:
+            continue
+        of_stage = bench.select(np.flatnonzero(bench.stage == test["stage"]))
+        for name in ("displacement_ratio", "engine_speed", "load_torque"):
+            values = getattr(of_stage, name)
+            assert values.min() <= test[name] <= values.max(), name
+
+
+def test_the_oil_is_a_condition_and_no_damage(study):
+    page = (study[0] / "index.html").read_text(encoding="utf-8")
+    assert "a condition and no damage" in page and "gained" not in page
 
 
 def test_the_page_links_every_file(study):
@@ -226,7 +241,8 @@ def test_a_year_later_with_more_leakage(place, bench, study):
     later = year_later(place, bench, worn, "worn")
     assert later["verdict"] in ("cause_found", "class_found", "other_form", "ambiguous")
     assert "laminar_leakage" in later["sets"][0]["effects"]
-    (note,) = [note for note in later["notes"] if note.startswith("leakage +")]
-    grown, low, high = map(float, re.findall(r"[-+]?\d+(?= %| to)", note)[:3])
-    assert low <= 100.0 * GROWTH <= high, json.dumps(note)
-    assert grown == pytest.approx(100.0 * GROWTH, abs=15.0)
+    growth = later["baseline"]["growth"]
+    low, high = growth["interval"]
+    assert growth["word"] == "leakage"
+    assert low <= GROWTH <= high, json.dumps(growth)
+    assert growth["part"] == pytest.approx(GROWTH, abs=0.15)

@@ -2,10 +2,12 @@
 """The folder of C: it compiles anywhere, tests itself, and is written whole or not at all."""
 
 import errno
+import re
 import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from cli.running import HM4, TRACTOR, assert_refused, run
@@ -13,6 +15,8 @@ from cli.running import HM4, TRACTOR, assert_refused, run
 import hmcvt_core as hmcvt
 import hmcvt_tools
 from export.c_library import COMPILER, compile_c, needs_compiler
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_tools.export.c_folder import _oil
 from hmcvt_tools.export.folder import write_folder
 
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name) is not None]
@@ -110,6 +114,27 @@ def test_stages_keep_the_order_of_the_file(tmp_path, stages):
     assert 'hmcvt_stage_names[HMCVT_STAGES] = {"HM1", "HM4"}' in source
 
 
+@pytest.mark.parametrize("params", [HM4, TRACTOR], ids=["one stage", "stages"])
+def test_the_description_lists_every_file(tmp_path, params):
+    folder = tmp_path / "c"
+    hmcvt_tools.export_c(hmcvt.load_model(params), folder)
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    written = {path.name for path in folder.iterdir()} - {"README.md"}
+    text = text.replace("`math.h`", "")
+    assert {file for file in written if f"`{file}`" not in text} == set()
+    listed = set(re.findall(r"`([a-z_]+\.(?:c|h|csv|a2l))`", text))
+    assert listed <= written
+    assert "## Oil temperature" in text and "The model reads none" in text
+
+
+def test_the_description_states_the_oil_temperature():
+    model = hmcvt.load_model(HM4)
+    assert "as warm as that of the tests" in _oil(model)
+    warm = replace(model, effects=(OilTemperature(strength=1.0),))
+    assert "effect oil_temperature is taken at 60 deg C" in _oil(warm)
+    assert "No option of the export" in _oil(warm)
+
+
 @needs_compiler
 def test_odd_names_of_stages(tmp_path):
     model = hmcvt.load_model(HM4)
@@ -171,6 +196,8 @@ def test_a_killed_export_leaves_nothing_under_the_name(tmp_path):
     program = """
 import os, signal, sys
 from pathlib import Path
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
+from hmcvt_tools.export.c_folder import _oil
 from hmcvt_tools.export.folder import write_folder
 
 class Texts(dict):

@@ -46,7 +46,7 @@ def test_a_leak_is_named_with_few_rows_and_with_many(rows):
     kept = np.sort(np.random.default_rng(rows).permutation(len(leaking))[:rows])
     answer = diagnose_unit(leaking.select(kept), baseline=pump(2, levels=8))
     assert answer.diagnosis.verdict in NAMING and answer.component == "pump"
-    assert "flow loss +" in answer.report()
+    assert "Flow loss +" in answer.report()
 
 
 def test_a_change_of_the_torque_alone_is_named():

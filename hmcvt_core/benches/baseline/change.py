@@ -194,7 +194,7 @@ class Change:
             low=-METER_BOUND * ones,
             high=METER_BOUND * ones,
             values=partial(np.array, dtype=float),
-            units=("deviations of the meter",) * len(names),
+            units=("times the expected drift",) * len(names),
         )
 
     def sound_mean(self, points: Points) -> Array:

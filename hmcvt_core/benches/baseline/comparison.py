@@ -64,7 +64,7 @@ class ChangeDiagnosis(Diagnosis):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON object of `hmcvt diagnose --baseline --json`."""
-        return {**super().to_dict(), "baseline": self.baseline.to_dict()}
+        return {**super().to_dict(), "baseline": self.baseline.to_dict(self)}
 
     def report(self) -> str:
         """Return the outcome as text for a person."""

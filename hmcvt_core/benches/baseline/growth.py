@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from ...diagnosis import Diagnosis
+from ...diagnosis.results.outcome import Cause
 from ...diagnosis.settings import INTERVAL_DEVIATIONS
+from ...diagnosis.system import Array
 
 
 @dataclass(frozen=True)
@@ -21,21 +22,35 @@ class Growth:
         word: the loss.
         part: growth / loss of the sound machine.
         interval: 95 %, of both.
+        sound: loss of the sound machine.
+        unit: of `sound`.
+        effect: name of the cause that is this growth.
+        probability: of that cause.
     """
 
     word: str
     part: float
     interval: tuple[float, float]
+    sound: float
+    unit: str
+    effect: str
+    probability: float
 
     @classmethod
     def of(
-        cls, word: str, size: Mapping[str, Any], sound: float, relative_error: float
+        cls,
+        word: str,
+        cause: Cause,
+        size: Mapping[str, Any],
+        sound: float,
+        relative_error: float,
     ) -> Growth:
         """Return the growth of a loss.
 
         Args:
             word: the loss.
-            size: `value` and `standard_error` of what is added.
+            cause: that is the growth.
+            size: `value`, `standard_error` and `unit` of what is added.
             sound: the loss of the sound machine, in the same unit.
             relative_error: standard error of `sound`, as a part of it.
         """
@@ -43,20 +58,25 @@ class Growth:
         reach = INTERVAL_DEVIATIONS * float(
             np.hypot(size["standard_error"] / sound, part * relative_error)
         )
-        return cls(word, part, (part - reach, part + reach))
+        interval = (part - reach, part + reach)
+        unit = size["unit"]
+        return cls(word, part, interval, sound, unit, cause.effect, cause.probability)
 
-    def in_words(self, diagnosis: Diagnosis) -> str:
-        """Return the growth as a sentence.
+    def to_dict(self) -> dict[str, Any]:
+        """Return the growth as plain data."""
+        return asdict(self)
+
+    def sentence(self, oil_temperature: Array | None) -> str:
+        """Return the growth as a sentence, for every report.
 
         Args:
-            diagnosis: of the change; the oil temperature is that of its samples.
+            oil_temperature: of the samples [deg C], shape (n,), or None.
         """
         low, high = self.interval
-        sentence = (
-            f"{self.word} {100.0 * self.part:+.0f} % against the baseline "
-            f"(from {100.0 * low:.0f} to {100.0 * high:.0f} %)"
+        at = ""
+        if oil_temperature is not None:
+            at = f" at {float(np.mean(oil_temperature)):.0f} deg C"
+        return (
+            f"{self.word.capitalize()} {100.0 * self.part:+.0f} % against the sound machine{at} "
+            f"(95 % interval {100.0 * low:+.0f} to {100.0 * high:+.0f} %)."
         )
-        temperature = diagnosis.samples.oil_temperature
-        if temperature is None:
-            return sentence
-        return f"{sentence} at {float(np.mean(temperature)):.0f} deg C"

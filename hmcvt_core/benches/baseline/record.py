@@ -12,10 +12,15 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis import Diagnosis
+from ...diagnosis.design.advice import NO_GAP_WORTH_A_TEST
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.results.summary import is_plausible_size
-from ...diagnosis.settings import CAUSE_FOUND_PROBABILITY, INTERVAL_DEVIATIONS
+from ...diagnosis.settings import (
+    CAUSE_FOUND_PROBABILITY,
+    INTERVAL_DEVIATIONS,
+    PRESENT_PROBABILITY,
+)
 from ...diagnosis.wording import plain
 from .change import SoundMachine
 from .control import Control, Excess
@@ -54,8 +59,13 @@ class Baseline:
     untestable: tuple[Any, ...] = ()
     notes: tuple[str, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return `baseline` of the JSON object."""
+    def to_dict(self, diagnosis: Diagnosis) -> dict[str, Any]:
+        """Return `baseline` of the JSON object.
+
+        Args:
+            diagnosis: of the change.
+        """
+        growth = self.growth(diagnosis)
         return {
             "source": self.source,
             "samples": self.samples,
@@ -63,6 +73,7 @@ class Baseline:
             "p_value": self.excess.p_value,
             "deviation": self.excess.deviation,
             "thin": self.excess.is_thin,
+            "growth": None if growth is None else growth.to_dict(),
         }
 
     def sentence(self) -> str:
@@ -122,9 +133,8 @@ class Baseline:
                 verdict = "unexplained"
                 diagnosis = keeping_base(diagnosis)
         if diagnosis.gap.significant:
-            notes += self._growth_notes(diagnosis)
             notes += self._curve_notes(diagnosis)
-        return replace(
+        changed = replace(
             diagnosis,
             causes=causes,
             sets=sets,
@@ -133,6 +143,17 @@ class Baseline:
             warnings=warnings,
             notes=(*notes, *diagnosis.notes),
         )
+        return replace(changed, second_line=self._second_line(changed))
+
+    def _second_line(self, diagnosis: Diagnosis) -> str:
+        """Return how much a named loss has grown, as a sentence; empty where that is unknown."""
+        growth = self.growth(diagnosis)
+        if growth is None:
+            return ""
+        sentence = growth.sentence(diagnosis.samples.oil_temperature)
+        if growth.probability < PRESENT_PROBABILITY:
+            return f"If it is {plain(growth.effect)}: {sentence}"
+        return sentence
 
     def _headline(self, verdict: str) -> str:
         """Return the sentence for the mechanic; empty where a change is found."""
@@ -234,15 +255,17 @@ class Baseline:
         """Return how much a loss of the sound machine has grown, where the verdict names that.
 
         Args:
-            diagnosis: of the change.
+            diagnosis: of the change; the growth is that of a cause in its leading set.
         """
         if diagnosis.named is None:
             return None
-        return self.machine.growth_of(diagnosis.named, diagnosis.samples)
-
-    def _growth_notes(self, diagnosis: Diagnosis) -> list[str]:
-        growth = self.growth(diagnosis)
-        return [] if growth is None else [growth.in_words(diagnosis)]
+        for cause in diagnosis.causes:
+            if cause.effect not in diagnosis.sets[0].effects:
+                continue
+            growth = self.machine.growth_of(cause, diagnosis.samples)
+            if growth is not None:
+                return growth
+        return None
 
     def _curve_notes(self, diagnosis: Diagnosis) -> list[str]:
         """Return notes on effects that are one curve, and on what would separate them."""
@@ -355,5 +378,12 @@ def _without_gap(diagnosis: Diagnosis, excess: Excess) -> Diagnosis:
             interval=None,
         ),
         next_tests=(),
+        advice=replace(
+            diagnosis.advice,
+            reason=NO_GAP_WORTH_A_TEST,
+            tests=(),
+            measure=None,
+            tests_expected=0,
+        ),
         notes=notes,
     )

@@ -162,7 +162,7 @@ class SoundTransmission(HeldMachine):
             leakage = self.parameters["leakage"]
             relative_error = leakage.standard_error / leakage.value
             size = cause.parameters["leakage"]
-            return Growth.of("leakage", size, leakage.value, relative_error)
+            return Growth.of("leakage", cause, size, leakage.value, relative_error)
         if cause.effect == ViscousDamping.name:
             pump = self.parameters["pump_damping"]
             motor = self.parameters["motor_damping"]
@@ -170,7 +170,7 @@ class SoundTransmission(HeldMachine):
             total = pump.value + motor.value
             error = float(np.hypot(pump.standard_error, motor.standard_error))
             size = cause.parameters["damping"]
-            return Growth.of("damping", size, 0.5 * total, error / total)
+            return Growth.of("damping", cause, size, 0.5 * total, error / total)
         return None
 
     def answers(self, points: Points) -> NDArray[np.bool_]:

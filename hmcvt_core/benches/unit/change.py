@@ -94,7 +94,7 @@ class UnitChange:
         return {
             **self.diagnosis.to_dict(),
             "component": self.component,
-            "baseline": self.baseline.to_dict(),
+            "baseline": self.baseline.to_dict(self.diagnosis),
             "rmse": self.rmse,
         }
 

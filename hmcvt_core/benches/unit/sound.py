@@ -346,9 +346,10 @@ class SoundUnit(HeldMachine):
         lost = {
             "value": change,
             "standard_error": change * size["standard_error"] / size["value"],
+            "unit": self.channels[0].unit,
         }
         error = float(np.sqrt(np.mean(covariance[0])))
-        return Growth.of("flow loss", lost, before, error / before)
+        return Growth.of("flow loss", cause, lost, before, error / before)
 
     def remarks(self, samples: UnitSamples) -> tuple[str, ...]:
         """Return notes on what missing columns cost."""

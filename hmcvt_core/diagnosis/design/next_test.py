@@ -125,6 +125,33 @@ def advise(
     return replace(advice, tests=tests, tests_expected=expected)
 
 
+def within_range(possible: Points, measured: Points, axes: Sequence[Axis]) -> Points:
+    """Return the tests within the range of the readings, of those with the same labels.
+
+    Args:
+        possible: tests, by axis.
+        measured: operating points of the readings, by axis.
+        axes: of both.
+    """
+    label_names = [axis.name for axis in axes if axis.labels and axis.name in measured]
+    set_names = [axis.name for axis in axes if axis.steered]
+    count = len(measured[set_names[0]])
+    labels = np.zeros((1, count))
+    of_tests = np.zeros((1, len(possible[set_names[0]])))
+    if label_names:
+        labels = np.stack([measured[name] for name in label_names])
+        of_tests = np.stack([possible[name] for name in label_names])
+    inside = np.zeros(of_tests.shape[1], dtype=bool)
+    for label in np.unique(labels, axis=1).T:
+        readings = (labels == label[:, None]).all(axis=0)
+        tests = (of_tests == label[:, None]).all(axis=0)
+        for name in set_names:
+            known = measured[name][readings]
+            tests &= (possible[name] >= known.min()) & (possible[name] <= known.max())
+        inside |= tests
+    return {name: values[inside] for name, values in possible.items()}
+
+
 def _confused_pair(
     candidates: Sequence[Candidate], design: _Design
 ) -> tuple[Candidate, Candidate] | None:

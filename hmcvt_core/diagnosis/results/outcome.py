@@ -323,6 +323,8 @@ class Outcome:
             set, or the base model where no cause is named.
         leading: explanation of the first of `sets`; None where there is none.
         headline: sentence for the mechanic where the bench gives a better one; empty for none.
+        second_line: sentence that reports print below that one, such as how much a loss has grown;
+            empty for none.
         judge: measures how far the gap shrinks with any other model.
     """
 
@@ -360,6 +362,7 @@ class Outcome:
     served: Any = None
     leading: Explanation | None = field(default=None, repr=False)
     headline: str = ""
+    second_line: str = ""
     judge: Judge | None = field(default=None, repr=False)
 
     @property

@@ -26,6 +26,12 @@ MENTIONED_PROBABILITY = 0.03
 MAX_MENTIONED_SETS = 4
 """Sets that the verdict mentions: how probable at least, and how many at most."""
 _WITH_PROBABILITY = "{0} ({1})"
+NO_STEPS = ("note: ", "stop: ")
+"""Beginnings of sentences of the advice that ask for nothing."""
+WHERE_NO_EFFECT_EXPLAINS = (
+    "No test between listed effects helps while none of them explains the gap. Repeat the points "
+    "at which the gap is large and measure more points there, closer together."
+)
 LONGEST_HEADLINE = 25
 """Words of the sentence for the mechanic, beyond which it leaves out what to do."""
 
@@ -55,8 +61,7 @@ def mechanic(outcome: Outcome) -> str:
         return (
             f"{statement}, in a form that is not in the library or with another loss."
         )
-    remedies = outcome.advice.measure or outcome.named.remedy
-    return _with_remedy(statement, remedies.split("; or ")[0])
+    return _with_remedy(statement, _remedy(outcome).split("; or ")[0])
 
 
 def _with_remedy(statement: str, remedy: str) -> str:
@@ -66,6 +71,43 @@ def _with_remedy(statement: str, remedy: str) -> str:
         if clause and len(sentence.split()) <= LONGEST_HEADLINE:
             return sentence
     return f"{statement}."
+
+
+def _remedy(outcome: Outcome) -> str:
+    """Return the measurement that comes next; empty where that is a test at an operating point."""
+    if outcome.advice.tests or outcome.named is None:
+        return ""
+    return outcome.advice.measure or outcome.named.remedy
+
+
+def needs_no_test(outcome: Outcome) -> bool:
+    """Whether there is no gap, as surely as a cause would be named."""
+    if outcome.verdict != "no_gap":
+        return False
+    sure = outcome.posterior.no_gap >= CAUSE_FOUND_PROBABILITY
+    return sure or not outcome.advice.tests
+
+
+def next_step(outcome: Outcome) -> list[str]:
+    """Return what to do next, one paragraph an entry; all reports say this and nothing else."""
+    if needs_no_test(outcome):
+        return ["No test is needed: there is no gap to explain."]
+    if outcome.verdict == "excess_scatter" and outcome.scatter is not None:
+        sensor = outcome.scatter.sensor or "what may have varied"
+        checked = "the stated noise"
+        if outcome.agreement.of_meters_alone:
+            checked = "that meter"
+        return [f"Check {checked}, or record {sensor} with each test."]
+    if outcome.verdict == "unexplained" and not outcome.next_tests:
+        return [WHERE_NO_EFFECT_EXPLAINS]
+    steps = []
+    for step in outcome.advice.steps():
+        if not step.startswith(NO_STEPS):
+            steps.append(step)
+    remedy = _remedy(outcome)
+    if not steps and remedy:
+        return [f"To settle it: {remedy}."]
+    return steps or ["No further test is known that would distinguish the causes."]
 
 
 def _no_gap_headline(outcome: Outcome) -> str:
@@ -153,8 +195,36 @@ def _cost(outcome: Outcome) -> str:
     watts = abs(float(f"{outcome.lost_power:.2g}"))
     if watts < 1.0:
         return ", hardly any power"
-    change = "lost" if outcome.lost_power > 0.0 else "gained"
-    return f", about {watts:.0f} W {change} on average"
+    condition = _condition(outcome)
+    power = power_in_words(outcome.lost_power, condition)
+    no_damage = ", a condition and no damage" if condition else ""
+    return f"{no_damage}, about {power}"
+
+
+def power_in_words(power: float, condition: str = "") -> str:
+    """Return a mean power lost [W] in words.
+
+    Args:
+        power: negative where less is lost.
+        condition: with which the loss is compared; empty for a loss by damage.
+    """
+    watts = f"{abs(float(f'{power:.2g}')):.0f} W"
+    if condition:
+        more = "more" if power > 0.0 else "less"
+        return f"{watts} {more} loss on average than with {condition}"
+    return (
+        f"{watts} lost on average" if power > 0.0 else f"{watts} less loss on average"
+    )
+
+
+def _condition(outcome: Outcome) -> str:
+    """Return the condition at which the named causes are off; empty where one may be a damage."""
+    named: Sequence[Member] = outcome.present
+    if outcome.verdict == "ambiguous" or outcome.set_is_settled:
+        leading = set(outcome.sets[0].effects)
+        named = [item for item in outcome.members if leading & set(item.effects)]
+    conditions = {item.condition for item in named}
+    return conditions.pop() if len(conditions) == 1 else ""
 
 
 def _suspects(outcome: Outcome) -> str:

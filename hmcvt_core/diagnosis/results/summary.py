@@ -23,7 +23,7 @@ from ..settings import (
     ROUNDING,
     SIZE_SPREADS,
 )
-from ..statements.members import Member, lost_power
+from ..statements.members import Member, condition_of, lost_power
 from ..system import Array, BaseParameters, Effect
 from .outcome import (
     NAMING,
@@ -224,6 +224,8 @@ def lost_power_of(
 ) -> float | None:
     """Return the mean power that the named causes take over the samples [W].
 
+    Conditions of the tests count only where no damage is named.
+
     Args:
         analysis: of the campaign.
         members: that may be present.
@@ -237,8 +239,13 @@ def lost_power_of(
         return None
     if settled or verdict == "ambiguous":
         leading, _ = analysis.leading
-        return lost_power(leading, leading.names)
-    of_members = [item.lost_power for item in members if item.is_present]
+        effects = leading.served_fit.effects
+        damages = [item.name for item in effects if not condition_of(item)]
+        of_damages = tuple(name for name in leading.names if name in damages)
+        return lost_power(leading, of_damages or leading.names)
+    present = [item for item in members if item.is_present]
+    of_damages_alone = [item for item in present if not item.condition] or present
+    of_members = [item.lost_power for item in of_damages_alone]
     known = [power for power in of_members if power is not None]
     return sum(known) if len(known) == len(of_members) else None
 

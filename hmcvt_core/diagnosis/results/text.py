@@ -31,6 +31,9 @@ from .sentences import amount as amount
 from .sentences import fraction_interval as fraction_interval
 from .sentences import handed_over as handed_over
 from .sentences import mechanic as mechanic
+from .sentences import needs_no_test
+from .sentences import next_step as next_step
+from .sentences import power_in_words as power_in_words
 from .sentences import region_words as region_words
 from .sentences import verdict as verdict
 from .stages import mean_and_rms, residuals_by_stage
@@ -52,6 +55,7 @@ def report(outcome: Outcome) -> str:
     """Return the outcome as text, at most 100 columns wide."""
     lines = [
         mechanic(outcome),
+        *([outcome.second_line] if outcome.second_line else []),
         "",
         *outcome.warnings,
         verdict(outcome),
@@ -61,6 +65,7 @@ def report(outcome: Outcome) -> str:
         *_stage_lines(outcome),
         *_cause_lines(outcome),
         *_meter_lines(outcome),
+        *_step_lines(outcome),
         *_test_lines(outcome),
     ]
     notes = outcome.notes[len(outcome.warnings) :]
@@ -276,23 +281,28 @@ def _parameter_in_words(entry: dict[str, Any], coverage: str) -> str:
     return f"{value} ({coverage}: {low:.3g} to {high:.3g}){doubt}"
 
 
+def _step_lines(outcome: Outcome) -> list[str]:
+    lines: list[str] = []
+    for step in next_step(outcome):
+        title = "" if lines else "next step"
+        lines.append(f"{title:<{MARGIN}}{step}")
+    return lines
+
+
 def _test_lines(outcome: Outcome) -> list[str]:
-    tests = outcome.next_tests
-    if not tests:
+    """Return a line for each test at an operating point; a measurement is the next step itself."""
+    tests = [test for test in outcome.next_tests if test.point]
+    if not tests or needs_no_test(outcome):
         return []
-    head = "next tests"
-    if tests[0].point:
-        head += (
-            " (gain: information expected on which explanation is right, in nats; ln 2 = 0.69 "
-            "halves the choice)"
-        )
+    head = (
+        "next tests (gain: information expected on which explanation is right, in nats; ln 2 = "
+        "0.69 halves the choice)"
+    )
     return [head, *(_test_line(test, outcome) for test in tests)]
 
 
 def _test_line(test: NextTest, outcome: Outcome) -> str:
     separates = f"distinguishes {' from '.join(test.separates)}"
-    if not test.point:
-        return f"  {test.measure}: {separates}"
     words = test_in_words(test, outcome.axes)
     return f"  {words}: {separates}, gain {test.gain:.2g}"
 

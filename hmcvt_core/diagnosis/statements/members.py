@@ -8,6 +8,8 @@ no exact set is probable.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +18,10 @@ from ..analysis import Analysis
 from ..selection.explanation import Explanation
 from ..selection.search import Names
 from ..settings import LIKELY, MAX_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
+from ..system import Effect
+
+SLOPE_STEP = 0.01
+"""Change of a size by which the slope of its power is found, in typical sizes."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +34,9 @@ class Member:
         probability: that it is present, over all sets of effects and unlisted losses.
         form_fits: whether a form in the library describes it; otherwise it acts in another form.
         lost_power: mean power that it takes over the samples [W], None where its form is not known.
+        lost_power_error: standard error of that, at the fitted shapes [W], or None.
+        condition: where it is a condition of the test and no damage, that at which it is off;
+            otherwise empty.
     """
 
     effects: Names
@@ -35,6 +44,8 @@ class Member:
     probability: float
     form_fits: bool = True
     lost_power: float | None = None
+    lost_power_error: float | None = None
+    condition: str = ""
 
     @property
     def is_class(self) -> bool:
@@ -69,7 +80,9 @@ def members_of(analysis: Analysis) -> tuple[Member, ...]:
     for member, likeliest in probable[:MAX_MEMBERS]:
         if member.form_fits:
             power = lost_power(likeliest, member.effects)
-            member = replace(member, lost_power=power)
+            if power is not None:
+                error = lost_power_error(likeliest, member.effects)
+                member = replace(member, lost_power=power, lost_power_error=error)
         reported.append(member)
     return tuple(reported)
 
@@ -96,14 +109,22 @@ def _of_effects(analysis: Analysis, effects: Names) -> tuple[Member, Explanation
     assert likeliest is not None
     form_fits = listed > LIKELY * probability
     system = analysis.base.hypothesis.system
-    components = {item.component for item in system.library if item.name in effects}
+    kinds = [item for item in system.library if item.name in effects]
+    components = {item.component for item in kinds}
+    conditions = {condition_of(item) for item in kinds}
     member = Member(
         effects=effects,
         component=components.pop() if len(components) == 1 else None,
         probability=min(probability, 1.0),
         form_fits=form_fits,
+        condition=conditions.pop() if len(conditions) == 1 else "",
     )
     return member, likeliest
+
+
+def condition_of(effect: Effect) -> str:
+    """Return the condition at which an effect is off; empty for one that may be a damage."""
+    return str(getattr(effect, "condition", ""))
 
 
 def lost_power(explanation: Explanation, names: Names) -> float | None:
@@ -111,12 +132,41 @@ def lost_power(explanation: Explanation, names: Names) -> float | None:
 
     None where the system states no power.
     """
+    return _mean_power(explanation, names, explanation.served_fit.effects)
+
+
+def lost_power_error(explanation: Explanation, names: Names) -> float:
+    """Return the standard error of `lost_power` at the fitted shapes [W]."""
+    effects = explanation.served_fit.effects
+    slopes = np.zeros(len(effects))
+    for i, effect in enumerate(effects):
+        if effect.name not in names:
+            continue
+        size = effect.sizes()[0]
+        step = SLOPE_STEP * size.typical
+        powers = []
+        for change in (-step, step):
+            value = effect.values()[size.name] + change
+            moved = effect.with_values({size.name: value})
+            changed = (*effects[:i], moved, *effects[i + 1 :])
+            powers.append(_mean_power(explanation, names, changed) or 0.0)
+        slopes[i] = (powers[1] - powers[0]) / (2.0 * SLOPE_STEP)
+    first = explanation.fit.hypothesis.base_count
+    covariance = explanation.parameter_covariance[first:, first:]
+    variance = float(slopes @ covariance @ slopes)
+    return math.sqrt(max(variance, 0.0))
+
+
+def _mean_power(
+    explanation: Explanation, names: Names, effects: Sequence[Effect]
+) -> float | None:
+    """Return the mean power that those of some effects take which have one of some names [W]."""
     fit = explanation.served_fit
     points = fit.observed.points
     system = fit.hypothesis.system
-    others = [effect for effect in fit.effects if effect.name not in names]
+    others = [effect for effect in effects if effect.name not in names]
     without = system.predict(fit.base, others, points)[0]
-    with_effects = system.predict(fit.base, fit.effects, points)[0]
+    with_effects = system.predict(fit.base, effects, points)[0]
     lost = system.lost_power(points, without, with_effects)
     known = lost[np.isfinite(lost)]
     return float(np.mean(known)) if len(known) else None

@@ -240,6 +240,8 @@ class Effect(Parametrised):
             not given the oil temperature; otherwise it is off there.
         varied: base parameters, in proportion to their scaled variables, that differ from point to
             point where it acts; those that a bench does not have are ignored.
+        condition: of an effect that is a condition of the test and no damage, the condition at
+            which it is off, such as `oil at 60 deg C`; otherwise empty.
 
     Attributes:
         part: `pump` or `motor` where it acts in that unit alone; empty where in both.
@@ -258,6 +260,7 @@ class Effect(Parametrised):
     needs_oil_temperature: ClassVar[bool] = False
     assumes_oil_temperature: ClassVar[bool] = False
     varied: ClassVar[tuple[str, ...]] = ()
+    condition: ClassVar[str] = ""
 
     part: str = field(default="", kw_only=True)
     stage: str = field(default="", kw_only=True)

@@ -535,6 +535,7 @@ class OilTemperature(Effect):
         "repeat a test at two oil temperatures, and compare with the oil's data sheet"
     )
     varied = ("motor_damping", "pump_damping", "damping")
+    condition = f"oil at {REFERENCE_TEMPERATURE:g} deg C"
 
     strength: float = size("-", 1.0, 0.0, 2.5, "sensitivity / that of the oil")
     film_exponent: float = shape("-", (0.67, 1.0), "power of viscosity in the damping")
