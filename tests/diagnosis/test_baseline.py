@@ -118,7 +118,7 @@ def test_a_growth_is_no_more_certain_than_its_cause(worn):
     doubted = replace(worn.causes[0], probability=0.5)
     doubtful = replace(worn, causes=(doubted, *worn.causes[1:]))
     line = worn.baseline._second_line(doubtful)
-    assert line.startswith("If it is laminar leakage: Leakage +")
+    assert line.startswith("If it is laminar leakage: leakage +")
     nothing = replace(worn, verdict="unexplained")
     assert worn.baseline._second_line(nothing) == ""
     assert nothing.to_dict()["baseline"]["growth"] is None
