@@ -152,7 +152,9 @@ class Baseline:
             return ""
         sentence = growth.sentence(diagnosis.samples.oil_temperature)
         if growth.probability < PRESENT_PROBABILITY:
-            return f"If it is {plain(growth.effect)}: {sentence[0].lower()}{sentence[1:]}"
+            return (
+                f"If it is {plain(growth.effect)}: {sentence[0].lower()}{sentence[1:]}"
+            )
         return sentence
 
     def _headline(self, verdict: str) -> str:
