@@ -33,6 +33,7 @@ from ..settings import (
     MIN_FORM_ERROR_MATCH,
     MISSED_FRACTION,
     NO_ANSWER,
+    OTHER_FORM_FRACTION,
     PRIOR_DOF_ASSUMED,
     PRIOR_DOF_ASSUMED_SMALL,
     PRIOR_DOF_STATED,
@@ -192,6 +193,21 @@ class Explanation:
         """Return the fraction of the squared change that an extra discrepancy makes, 0 to 1."""
         extra, _ = self._fractions_not_explained(base_only)
         return min(extra, 1.0)
+
+    def makes_most_of_change(self, base_only: Explanation) -> bool:
+        """Whether the listed effects make most of the squared change from the base model.
+
+        What scatters along no axis and what an extra discrepancy makes are no part of it.
+
+        Args:
+            base_only: the base model alone.
+        """
+        before = np.sum(base_only.fit.whitened**2)
+        left = np.sum(self.fit.whitened**2)
+        noise = float(base_only.fit.whitened.size)
+        reduced = (before - left) / max(before - noise, 1.0)
+        extra = self.extra_fraction(base_only)
+        return bool(min(reduced, 1.0 - extra) >= OTHER_FORM_FRACTION)
 
     def _fractions_not_explained(self, base_only: Explanation) -> tuple[float, float]:
         """Return the fractions of the squared change by an extra discrepancy, and by form errors.

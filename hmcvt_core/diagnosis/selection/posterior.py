@@ -26,6 +26,7 @@ from ..observations import Observations, order_of
 from ..settings import (
     DRAWS,
     LEADING_SETS,
+    LIKELY,
     PRIOR_BASE_DISCREPANCY,
     PRIOR_FORM_ERROR,
     PRIOR_NO_GAP,
@@ -78,10 +79,17 @@ class Posterior:
 
     @cached_property
     def present(self) -> dict[Names, Weighted]:
-        """Refit and probability of each set of effects, with or without an unlisted loss."""
+        """Refit and probability of each set of effects, with or without an unlisted loss.
+
+        A set that does not explain the gap counts only if it makes most of the change: any effect
+        helps to imitate a loss of unknown form, with an evidence that grows with the samples.
+        """
         entries = []
         for explanation, p in self.entries:
-            if not explanation.fit.hypothesis.reversed_sign:
+            if explanation.fit.hypothesis.reversed_sign:
+                continue
+            explained = explanation.explained_fraction(self.base_only)
+            if explained > LIKELY or explanation.makes_most_of_change(self.base_only):
                 entries.append((explanation, p))
         return _by_names(entries)
 

@@ -27,7 +27,6 @@ from ..settings import (
     CAUSE_FOUND_PROBABILITY,
     EXCEEDED_DEVIATIONS,
     LIKELY,
-    OTHER_FORM_FRACTION,
 )
 from ..wording import plain
 from .agreement import Agreement, agreement_of
@@ -113,7 +112,8 @@ def _not_explained(analysis: Analysis, present: Sequence[Member]) -> Word:
 def _main_member(analysis: Analysis, present: Sequence[Member]) -> Member | None:
     """Return the first member whose likeliest explanation makes most of the change, or None."""
     for item in present:
-        if _makes_most_of_change(analysis, _likeliest_with(analysis, item)):
+        explanation = _likeliest_with(analysis, item)
+        if explanation.makes_most_of_change(analysis.posterior.base_only):
             return item
     return None
 
@@ -130,7 +130,8 @@ def _beside_scatter(analysis: Analysis, named: Member | None) -> Word:
         if doubts:
             return "ambiguous", doubts
         return _found(named.is_class), ()
-    if analysis.posterior.sets and _makes_most_of_change(analysis, analysis.leading[0]):
+    posterior = analysis.posterior
+    if posterior.sets and analysis.leading[0].makes_most_of_change(posterior.base_only):
         return "ambiguous", ()
     return "excess_scatter", ()
 
@@ -189,19 +190,6 @@ def _likeliest_with(analysis: Analysis, member: Member) -> Explanation:
         if not set(member.effects).isdisjoint(names):
             return explanation
     raise KeyError(member.effects)
-
-
-def _makes_most_of_change(analysis: Analysis, explanation: Explanation) -> bool:
-    """Whether a set makes most of the squared change from the base model.
-
-    What scatters along no axis and what an extra discrepancy makes are no part of it.
-    """
-    before = np.sum(analysis.base.whitened**2)
-    left = np.sum(explanation.fit.whitened**2)
-    noise = float(analysis.base.whitened.size)
-    reduced = (before - left) / max(before - noise, 1.0)
-    extra = explanation.extra_fraction(analysis.posterior.base_only)
-    return bool(min(reduced, 1.0 - extra) >= OTHER_FORM_FRACTION)
 
 
 def _doubts(leading: Explanation) -> tuple[str, ...]:
