@@ -2,8 +2,8 @@
 """Statement: which effects are present, whatever else is.
 
 The inclusion probability of an effect is the sum over all explanations that hold it as a cause,
-with or without an unlisted loss (Barbieri & Berger 2004, Ann. Stat. 32, 870). It may be high where
-no exact set is probable.
+with or without an unlisted loss (Barbieri & Berger 2004, Ann. Stat. 32, 870), if their listed
+effects explain the gap or make most of the change. It may be high where no exact set is probable.
 """
 
 from __future__ import annotations
