@@ -141,7 +141,7 @@ def test_known_forms_base_and_meters_leave_the_noise_alone():
 
 
 def test_the_oracle_names_what_readings_tell_and_nothing_where_nothing_is():
-    campaign = make_campaign("unlisted", 1)
+    campaign = make_campaign("unlisted", 2)
     look = Look(campaign)
     assert min(look.visibility().left) > 18.0
     classes, probability = ask(campaign, look).sets[0]
