@@ -112,7 +112,9 @@ def test_holdout_of_a_table(tmp_path, hmcvt):
     assert 0 <= data["same_set_in_deals"] <= 8
 
 
-def test_text_and_page(tmp_path, hmcvt):
+@pytest.mark.usefixtures("coarse_maps")
+def test_text_and_page(tmp_path, monkeypatch, hmcvt):
+    monkeypatch.setattr("hmcvt_core.benches.unit.diagnosis.DEALS", 2)
     page = tmp_path / "page.html"
     done = hmcvt("unit", pump(tmp_path, torque=6.0), "--kind", "pump", "--report", page)
     assert "constant_torque" in done.out and "rms left by the paper's terms" in done.out
