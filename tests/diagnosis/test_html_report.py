@@ -41,7 +41,10 @@ from hmcvt_tools.report.sheet import draw_sheet
 from .campaigns import BASE, NOISE, campaign, diagnosed
 from .html_browser import Layout, clicked, laid_out
 
-pytestmark = pytest.mark.usefixtures("coarse_maps", "drawings_made_once")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.usefixtures("coarse_maps", "drawings_made_once"),
+]
 
 PAGES = (
     "no_gap",
