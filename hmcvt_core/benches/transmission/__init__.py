@@ -23,7 +23,7 @@ from .channels import (
     STAGE,
 )
 from .readings import observe
-from .served import EmpiricalRemainder, with_empirical_remainder, without_remainder
+from .served import without_remainder
 from .system import Transmission
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "EFFICIENCY_CHANNEL",
     "OIL_TEMPERATURE",
     "STAGE",
-    "EmpiricalRemainder",
     "Transmission",
     "diagnose",
     "next_test",
@@ -40,6 +39,5 @@ __all__ = [
     "read_plan",
     "separable",
     "shared_test_notes",
-    "with_empirical_remainder",
     "without_remainder",
 ]
