@@ -8,13 +8,13 @@
 SI units throughout: rad/s, N m, m3/rad, Pa; efficiency and displacement ratio are plain fractions.
 
 monitoring      the watch on a stream of samples
-benches         what the diagnosis needs of a transmission or a unit
+benches         what the diagnosis needs of a transmission, a unit or another machine
 identification  bench samples in, parameters out
 model           lookup, optimum, map, parameter file
 diagnosis       inference on any system; knows no transmission
 physics         power balance, effects, formulas of the paper
 files           the core's own files: bench CSV, YAML, atomic writes
-transmission    registry of quantities, gear train, parameters
+transmission    registry of quantities, units and words of headings, gear train, parameters
 
 `interface` adds the names that packages built on the core use. `cli` and `mission` only forward
 names that moved to `hmcvt_tools`.

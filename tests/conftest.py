@@ -26,6 +26,16 @@ def table2():
     return read_bench(data_path("data/table2.csv"))
 
 
+@pytest.fixture(scope="module")
+def coarse_maps():
+    """Draw maps of 169 points each; the 625 of a page take a third of its time."""
+    from hmcvt_tools.report import gap_map
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gap_map, "_GRID", 13)
+        yield
+
+
 @pytest.fixture
 def hmcvt():
     """Run the command in this process."""

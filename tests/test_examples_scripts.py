@@ -1,7 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Scripts and notebook in examples/, run as their readers do (those over ROS 2: tests/ros)."""
+"""Scripts and notebook in examples/ give what their pages show (those over ROS 2: tests/ros)."""
 
 import ast
+import contextlib
+import io
 import json
 import re
 import runpy
@@ -10,20 +12,25 @@ import sys
 
 import numpy as np
 import pytest
-from cli.running import ROOT, script
+from cli.running import ROOT
 
 import hmcvt_core as hmcvt
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_maps")]
 
 EXAMPLES = ROOT / "examples"
 
 
 def printed(name, cwd):
-    """Run a script in an empty folder; what it prints."""
-    done = script(EXAMPLES / name, cwd=cwd)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    """Run a script in an empty folder and in this process; what it prints."""
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(io.StringIO()) as out,
+    ):
+        patch.chdir(cwd)
+        patch.setattr(sys, "argv", [name])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+    return out.getvalue()
 
 
 def test_every_script_states_its_command():

@@ -1,5 +1,18 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of the gap between a model and a bench, for any system: see `system`."""
+"""Diagnosis of the gap between a model and a bench, for any system.
+
+system        what the diagnosis has to know of a machine
+observations  readings of the bench, channel by channel, and their noise
+pipeline      the steps in order: `diagnose_system`, `next_test`
+preparation   selection and weighting of the samples
+fitting       refits of hypotheses and their evidence
+detection     whether there is a gap, and in which regions
+selection     explanations that compete, and their probabilities
+design        the next test; which effects a plan can distinguish
+statements    what the evidence supports, up to the verdict
+results       the outcome: summary, shrinkage, text
+settings      every threshold, prior and count, with its source
+"""
 
 from .design.advice import Advice, NextTest
 from .design.isolability import Isolability, isolability

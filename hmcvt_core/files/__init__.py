@@ -1,5 +1,16 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The core's own files: bench tables, YAML, shipped data; atomic writes, strict JSON."""
+"""The core's own files: bench tables, YAML, shipped data; atomic writes, strict JSON.
+
+bench       `BenchSamples` and its CSV
+table       strict CSV: known columns, no broken row
+text        encodings and rows of cells
+numbers     numbers in cells
+plain_yaml  YAML of a known schema
+atomic      files written whole or not at all
+checks      types of arguments that public functions take
+
+This module holds what every result shares: its picture, its plain data, its text in a notebook.
+"""
 
 import html
 import math

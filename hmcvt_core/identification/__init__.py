@@ -1,5 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Identification of the hydraulic parameters from bench samples."""
+"""Identification of the hydraulic parameters from bench samples.
+
+identify   samples in, a model out: `campaign` checks them, `annealing` and `criterion` fit
+refit      the model in service refined by new samples, as far as these determine it (`update`)
+robust     which samples belong together
+precision  standard errors; `profile` gives intervals, `misfit` what the model misses
+piecewise  the identification in two parts, as the paper has it
+result     the outcome, `remarks` on what the samples leave open
+"""
 
 from .annealing import Schedule
 from .identify import identify

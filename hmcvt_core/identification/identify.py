@@ -31,7 +31,6 @@ from ..transmission.parameters import (
 from ..transmission.ranges import EFFICIENCY_STD, Array
 from ..transmission.stage import Stage
 from . import annealing
-from .annealing import QUICK as QUICK
 from .annealing import AnnealingRun, Schedule, with_steps
 from .campaign import Campaign, origin
 from .cross_validation import folds

@@ -1,9 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The bus as a dynamometer: output torque, power and losses from what a machine's log states.
 
-`solving` inverts the model at every row, `intervals` says how well the result is known, `totals`
-adds it up, and `log` runs all three over a log in bounded memory. `bus_watch` reports a drift of
-what the bus states twice.
+solving    the model inverted: the load behind an engine torque
+rows       the estimate at every row of a log
+intervals  its standard deviations; `settings` states the errors of a bus
+condition  what differs from the machine identified: oil temperature, wear
+totals     energies, fuel and hours, added up
+log        all of this over a log in bounded memory
+bus_watch  a watch on quantities that the bus states twice
 """
 
 from .log import Estimate, estimate

@@ -1,8 +1,9 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A fleet: identify and diagnose every bench log of a folder, many at a time.
+"""A fleet: every log of a folder at once, bench logs identified and diagnosed, others estimated.
 
 executors   any work on many logs side by side, on this machine or on a Dask cluster
-run         from a folder of logs to their results; one run at a time in a folder
+run         from a folder of bench logs to their results; one run at a time in a folder
+road        `estimate` over the logs of machines
 summary     the table over the fleet, with robust z scores
 """
 

@@ -7,8 +7,10 @@ points      working points that hold it
 moves       which of them the machine reaches within a step
 strategies  what chooses among them
 run         a strategy over a cycle
+controller  the causal strategy for a running tractor, demand by demand
 bound       least fuel by dynamic programming
 energy      where the engine's work goes
+knowledge   what knowledge of the transmission is worth, in fuel
 result      all of it as one answer
 """
 

@@ -1,8 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Reports and pictures for people: the page and the sheet of a diagnosis (extra `report`).
+"""Pages and pictures of results for people (extra `report`).
 
-The page is one self-contained HTML file. It loads nothing and is complete without its script, which
-sorts, marks and saves.
+A page is one self-contained HTML file. It loads nothing and is complete without its script, which
+sorts, marks and saves. Most modules draw the page and the sheet of a diagnosis:
 
 answer      what page and sheet lead with: causes, size, next step
 axes        how the axes of a diagnosis are shown
@@ -11,8 +11,13 @@ residuals   residuals before and after
 watts       where the watts go, before and after
 figures     all of these as the templates of the page name them
 sheet       one page of paper
-pictures    files with a picture; losses, surface, drive_line, power_maps, operating_points
-            and panels draw them
+
+The others draw what a model, a mission or a study gives:
+
+pictures    files with a picture; losses, surface, drive_line, power_maps, power_paths,
+            operating_points and panels draw them
+mission     pictures and page of a mission
+study       page of a study
 style       letters, colours, formats
 """
 

@@ -10,5 +10,7 @@
 6. samples: `hmcvt_tools.tables.raw` makes bench samples, `hmcvt_tools.tables.recordings` cuts a
    recording into steady windows.
 
+`unit_table` reads tests of one pump or motor, `matrix` a map with one axis along its header.
+
 A step never repairs what an earlier step left open: it asks, with the option that answers.
 """

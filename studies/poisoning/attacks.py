@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.identify import QUICK
+from hmcvt_core.identification.annealing import QUICK
 from hmcvt_core.identification.refit import MAX_CHANGE, Refit, refit
 from hmcvt_core.interface import joined
 from hmcvt_ros import jobs

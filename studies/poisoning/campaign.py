@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.identify import QUICK
+from hmcvt_core.identification.annealing import QUICK
 from hmcvt_core.identification.refit import refit
 
 WEAR = (2.0, 1.5, 1.5)  # highest factors of leakage and dampings

@@ -1,11 +1,13 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Effects of one's own, from a file or a package; each in a process, where a class may stay."""
+"""Effects of one's own, from a file or a package; in a process where a class would stay."""
 
 import os
 import re
 import shlex
 
 import pytest
+
+from hmcvt_core.physics.effects import library
 
 from .running import HM4, ROOT, TABLE2, assert_refused, process, script
 
@@ -46,10 +48,11 @@ def test_the_page_from_the_class_to_the_diagnosis_that_finds_it(worked):
     assert "mean |error|  0." in here(folder, predict).out
 
 
-def test_an_unknown_effect_names_both_ways_to_one_of_your_own(worked):
+def test_an_unknown_effect_names_both_ways_to_one_of_your_own(hmcvt, worked):
     folder, _ = worked
+    params = folder / "tipping.yaml"
     assert_refused(
-        here(folder, "hmcvt predict tipping.csv --params tipping.yaml"),
+        hmcvt("predict", folder / "tipping.csv", "--params", params),
         "effect = 'tipping_block', form = '' is not known",
         "--effects MODULE_OR_FILE.py",
         "entry-point group hmcvt.effects",
@@ -90,10 +93,12 @@ def test_a_file_without_an_effect_is_told(hmcvt, tmp_path, text, words):
         ("state.presure", "leakage_flow: AttributeError: "),
     ],
 )
-def test_an_effect_of_no_use_is_told(tmp_path, flow, words):
+def test_an_effect_of_no_use_is_told(hmcvt, tmp_path, flow, words):
+    before = library()
     (tmp_path / "mine.py").write_text(leaking(flow))
-    done = process("predict", TABLE2, "--effects", tmp_path / "mine.py")
+    done = hmcvt("predict", TABLE2, "--effects", tmp_path / "mine.py")
     assert_refused(done, words)
+    assert library() == before
 
 
 def test_effects_of_an_installed_package(worked, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.identify import QUICK
+from hmcvt_core.identification.annealing import QUICK
 from hmcvt_core.identification.misfit import FEWEST
 from hmcvt_core.identification.refit import refit
 from hmcvt_core.model.accuracy import misfit

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
-from hmcvt_core.identification.identify import QUICK
+from hmcvt_core.identification.annealing import QUICK
 from hmcvt_core.identification.problem import Problem
 from hmcvt_core.identification.refit import FOLDS, cross_validate, folds, refit
 from hmcvt_core.physics.effects.mechanical import ViscousBearingDrag

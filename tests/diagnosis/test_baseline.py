@@ -24,6 +24,8 @@ from hmcvt_tools.report.style import styled
 
 from .campaigns import BASE, campaign
 
+pytestmark = pytest.mark.slow
+
 NOISE = 0.004
 SERVED = replace(BASE, parameters=hmcvt.HydraulicParameters(1e-11, 0.1, 0.1))
 """A model whose parameters are not those of the machine."""

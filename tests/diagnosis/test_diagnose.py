@@ -33,6 +33,8 @@ from .campaigns import (
     random_points,
 )
 
+pytestmark = pytest.mark.slow
+
 CLEAR = {
     "dead band": ("displacement_error", "actuator", 0.02),
     "planetary mesh": ("planetary_mesh", "planetary", 0.06),

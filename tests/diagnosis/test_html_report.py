@@ -7,7 +7,8 @@ import functools
 import hashlib
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -23,7 +24,7 @@ from hmcvt_core.diagnosis.statements.agreement import Agreement, Look
 from hmcvt_core.diagnosis.statements.members import Member
 from hmcvt_core.diagnosis.statements.scatter import ExcessScatter
 from hmcvt_core.physics.effects.mechanical import ChargePump
-from hmcvt_tools.report import html, write_report
+from hmcvt_tools.report import figures, html, write_report
 from hmcvt_tools.report.figures import test_labels as labels_of_tests
 from hmcvt_tools.report.figures import test_rows as rows_of_tests
 from hmcvt_tools.report.gap_map import (
@@ -40,7 +41,10 @@ from hmcvt_tools.report.sheet import draw_sheet
 from .campaigns import BASE, NOISE, campaign, diagnosed
 from .html_browser import Layout, clicked, laid_out
 
-pytestmark = pytest.mark.usefixtures("coarse_maps")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.usefixtures("coarse_maps", "drawings_made_once"),
+]
 
 PAGES = (
     "no_gap",
@@ -77,6 +81,51 @@ DISAGREEMENT = Agreement(
     looks=(Look("efficiency", "session 2", 16, 3.4, 0.002),),
 )
 HOSTILE = '<img src=x onerror=alert(1)> "quoted" & \x00\x1b \u202e \udcff'
+
+
+IN_WORDS = {
+    "verdict",
+    "causes",
+    "sets",
+    "classes",
+    "members",
+    "scatter",
+    "agreement",
+    "next_tests",
+    "set_is_settled",
+    "warnings",
+    "notes",
+}
+"""Attributes of a diagnosis that the page states in words and in no drawing."""
+
+
+@pytest.fixture(scope="module")
+def drawings_made_once() -> Iterator[None]:
+    """Make the drawings of two pages once where their diagnoses differ in words alone."""
+    made: dict[tuple[object, ...], object] = {}
+
+    def once(draw: Callable[[Diagnosis], object]) -> Callable[[Diagnosis], object]:
+        def drawing(found: Diagnosis) -> object:
+            names = {field.name for field in fields(found)} - IN_WORDS
+            shown = [getattr(found, name) for name in sorted(names)]
+            key = (draw, *map(id, shown))
+            if key not in made:
+                made[key] = draw(found)
+                kept.append(shown)  # an id names nothing else while its object lives
+            return made[key]
+
+        return drawing
+
+    kept: list[object] = []
+    with pytest.MonkeyPatch.context() as patch:
+        for draw in (
+            figures.lead_map,
+            figures.page_maps,
+            figures.residuals,
+            figures.watts,
+        ):
+            patch.setattr(figures, draw.__name__, once(draw))
+        yield
 
 
 @functools.cache

@@ -18,7 +18,11 @@ from export.c_library import compile_c, needs_compiler
 import hmcvt_core as hmcvt
 from studies.gearbox import box, tables
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(1200),
+    pytest.mark.usefixtures("coarse_maps"),
+]
 openpyxl = pytest.importorskip("openpyxl")
 
 MACHINE = box.Machine(clutch_drag=box.TYPICAL_DRAG)

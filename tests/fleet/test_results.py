@@ -3,6 +3,7 @@
 
 import json
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -63,8 +64,12 @@ def test_finished_logs_are_skipped_and_the_table_stays(hmcvt, logs, alone):
 
 
 @pytest.fixture
-def quick(hmcvt, logs, identified, tmp_path):
-    """Copies of logs and results, and a function that runs again and tells what was studied."""
+def quick(hmcvt, logs, identified, tmp_path, monkeypatch):
+    """Copies of logs and results, and a function that runs again and tells what was studied.
+
+    In this process: which logs are studied does not depend on where, and a worker takes seconds.
+    """
+    monkeypatch.setattr("hmcvt_tools.cli.fleet.Processes", ThreadPoolExecutor)
     folder, out = tmp_path / "logs", tmp_path / "out"
     shutil.copytree(logs, folder)
     shutil.copytree(identified, out)

@@ -1,16 +1,23 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What the core promises about itself: layers, light imports, public names, Windows and macOS."""
+"""What the packages promise: layers, light imports, public names, Windows and macOS."""
 
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from cli.running import TABLE2, script
 
 import hmcvt_core as hmcvt
 
 SOURCE = Path(hmcvt.__file__).parent
+PACKAGES = sorted(
+    path.parent.relative_to(SOURCE.parent)
+    for name in ("hmcvt_core", "hmcvt_tools")
+    for path in (SOURCE.parent / name).rglob("__init__.py")
+)
 HEAVY = (
     "rclpy",
     "hmcvt_tools",
@@ -58,6 +65,14 @@ def test_all_is_sorted_and_complete():
         if not name.startswith("_") and not inspect.ismodule(item)
     }
     assert imported <= set(hmcvt.__all__)
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=str)
+def test_a_package_lists_modules_that_it_has(package):
+    folder = SOURCE.parent / package
+    text = (folder / "__init__.py").read_text("utf-8").split('"""')[1]
+    for name in re.findall(r"^(\w+)(?::| {2,})", text, re.MULTILINE):
+        assert (folder / name).is_dir() or (folder / f"{name}.py").is_file(), name
 
 
 def test_every_error_raised_on_purpose_is_one_line():

@@ -1,5 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Diagnosis of a change against the baseline of a sound machine."""
+"""What a diagnosis of a change against a sound baseline has in common for every machine.
+
+`transmission.change` and `unit.change` use it: each has a sound machine of its own (`sound`).
+
+held        a sound machine, held: its model and a smooth remainder with its uncertainty
+change      the `System` whose effects are changes since then
+comparison  from sound and later samples to the diagnosis of the change
+control     sound samples left out of the fit, which must come out as no change
+refusal     leading sets that their refit contradicts, left out of the verdict
+growth      how much a loss has grown, in per cent of the baseline
+sizes       size of a change from all sets that hold it
+record      what the diagnosis states of its baseline
+"""
 
 from .change import (
     CLASS_TO_DRIFT,

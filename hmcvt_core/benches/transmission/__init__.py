@@ -1,5 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A transmission on a bench: the system that the diagnosis examines, and its entry points."""
+"""A transmission on a bench: the system that the diagnosis examines, and its entry points.
+
+analyses    `diagnose`, `next_test`, `separable`
+system      the model as a `System`: predictions, base parameters, candidate effects
+channels    axes and channels, from the registry of quantities
+readings    bench samples as observations
+base        base parameters and their priors
+meters      errors of meters that the readings of a session share (`meter_scale`: their size)
+unrecorded  what may vary although nothing records it
+served      the model that is saved: the best of three predictions, one of which corrects it by
+            `bumps` of a `gaussian_process`; `misfit` states what it misses
+change      diagnosis of a change since the transmission was `sound`
+"""
 
 from .analyses import diagnose, next_test, read_plan, separable
 from .change import shared_test_notes
@@ -11,7 +23,7 @@ from .channels import (
     STAGE,
 )
 from .readings import observe
-from .served import EmpiricalRemainder, with_empirical_remainder, without_remainder
+from .served import without_remainder
 from .system import Transmission
 
 __all__ = [
@@ -20,7 +32,6 @@ __all__ = [
     "EFFICIENCY_CHANNEL",
     "OIL_TEMPERATURE",
     "STAGE",
-    "EmpiricalRemainder",
     "Transmission",
     "diagnose",
     "next_test",
@@ -28,6 +39,5 @@ __all__ = [
     "read_plan",
     "separable",
     "shared_test_notes",
-    "with_empirical_remainder",
     "without_remainder",
 ]

@@ -72,23 +72,6 @@ MAX_SAMPLES = 300
 
 
 @dataclass(frozen=True, eq=False)
-class EmpiricalRemainder:
-    """A model with a remainder, and its errors at samples left out.
-
-    Attributes:
-        model: with the remainder, or without where it lowers no error.
-        bumps: number of bumps that are added.
-        rmse_without: error of the refitted base model [-].
-        rmse_with: error of `model` [-].
-    """
-
-    model: EfficiencyModel
-    bumps: int
-    rmse_without: float
-    rmse_with: float
-
-
-@dataclass(frozen=True, eq=False)
 class HandedOver:
     """What is handed over, and why.
 
@@ -199,21 +182,6 @@ def handed_over(diagnosis: Diagnosis, empirical: bool = True) -> HandedOver:
     root_mean_square = np.sqrt(np.mean(after**2, axis=0))
     model = with_misfit(diagnosis, model, root_mean_square)
     return HandedOver(best, model, bumps, rms(before), rms(after), after)
-
-
-def with_empirical_remainder(diagnosis: Diagnosis) -> EmpiricalRemainder:
-    """Return the model that is handed over; `diagnosis.model` is the same.
-
-    Args:
-        diagnosis: of a transmission.
-    """
-    delivered = diagnosis.delivered
-    return EmpiricalRemainder(
-        diagnosis.model,
-        delivered.bumps,
-        delivered.rmse_before,
-        delivered.rmse_after,
-    )
 
 
 class _Campaign:
