@@ -72,7 +72,7 @@ def main() -> None:
         advice = hmcvt.next_test(MODEL, samples, noise=EFFICIENCY_NOISE)
         explanations = [
             f"{' + '.join(names) or 'unlisted'} {100 * probability:.0f} %"
-            for names, probability in advice.alive[:3]
+            for names, probability in advice.candidates[:3]
         ]
         print(
             f"{len(samples)} tests: {', '.join(explanations)}, "
