@@ -479,7 +479,8 @@ def _help_of(module):
         pytest.raises(SystemExit) as ended,
     ):
         patch.setattr(sys, "argv", [module, "--help"])
-        patch.delitem(sys.modules, module, raising=False)  # as a fresh Python has it
+        for name in (module, f"{module}.__main__"):  # as a fresh Python has them
+            patch.delitem(sys.modules, name, raising=False)
         runpy.run_module(module, run_name="__main__", alter_sys=True)
     assert not ended.value.code
     return out.getvalue()
