@@ -58,7 +58,7 @@ def joined(*parts: hmcvt.BenchSamples) -> hmcvt.BenchSamples:
 
 def main() -> None:
     """Follow the advice until it says stop."""
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(1)
     engine = rng.uniform(80.0, 220.0, FIRST_TESTS)
     samples = measure(
         OperatingPoints(

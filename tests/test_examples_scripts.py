@@ -117,7 +117,7 @@ def test_next_test(tmp_path):
     # Another processor may move a probability, but not these.
     pattern = re.compile(r"tests: (\w+)|next: (.*);")
     assert pattern.findall(out) == pattern.findall(shown)
-    assert len(pattern.findall(out)) == 9
+    assert len(pattern.findall(out)) == 21
     last = out.splitlines()[-2:]
     assert (
         re.search("tests: pressure_leakage (9|100)", last[0])
