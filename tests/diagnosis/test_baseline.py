@@ -13,9 +13,11 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.benches.baseline.record import _without_gap
 from hmcvt_core.benches.transmission.change import shared_test_notes
+from hmcvt_core.diagnosis.design.classes import EffectClass, merge_sets
 from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.results.outcome import CauseSet
 from hmcvt_core.files.bench import joined
-from hmcvt_core.physics.effects.mechanical import Churning
+from hmcvt_core.physics.effects.mechanical import BearingDrag, ChargePump, Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
 from hmcvt_tools.report import html
 from hmcvt_tools.report.sheet import draw_sheet
@@ -203,6 +205,31 @@ def test_model_with_the_change_is_saved(worn, tmp_path):
     loaded = hmcvt.load_model(path)
     assert [effect.name for effect in loaded.effects] == ["laminar_leakage"]
     assert loaded.fingerprint == worn.model.fingerprint
+
+
+def test_a_class_holds_the_effects_that_are_the_same_curve(worn):
+    """A bearing stands for a charge pump too, and no test tells either from a meter."""
+    baseline = replace(
+        worn.baseline, same_curves={"bearing_drag": (BearingDrag(), ChargePump())}
+    )
+    meter_or_bearing = EffectClass(
+        members=("torque_sensor", "bearing_drag"),
+        forms=("zero of the engine meter", ""),
+        components=("sensor", "gears"),
+        remedies=("check the zero", "spin it"),
+        component="sensor",
+        probability=0.8,
+        sets=(("torque_sensor",), ("bearing_drag",)),
+    )
+    expanded = baseline._expanded_class(meter_or_bearing)
+    assert expanded.members == ("torque_sensor", "bearing_drag", "charge_pump")
+    assert expanded.components == ("sensor", "gears", "pump")
+    assert ("charge_pump",) in expanded.sets
+    leading = CauseSet(("bearing_drag",), 0.8, None, None, (meter_or_bearing.members,))
+    sets = baseline._expanded_sets((leading,))
+    assert {item.alternatives for item in sets} == {(expanded.members,)}
+    merged = merge_sets([(item.effects, item.probability) for item in sets], [expanded])
+    assert [item.probability for item in merged] == pytest.approx([0.8])
 
 
 def test_a_faulty_baseline_is_diagnosed_first():

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.design.advice import NO_GAP_WORTH_A_TEST
+from ...diagnosis.design.classes import EffectClass
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.results.summary import is_plausible_size
@@ -21,6 +22,7 @@ from ...diagnosis.settings import (
     INTERVAL_DEVIATIONS,
     PRESENT_PROBABILITY,
 )
+from ...diagnosis.statements.members import Member
 from ...diagnosis.wording import plain
 from .change import SoundMachine
 from .control import Control, Excess
@@ -121,6 +123,8 @@ class Baseline:
             diagnosis = _without_gap(diagnosis, self.excess)
         causes = self._expanded_causes(diagnosis)
         sets = self._expanded_sets(diagnosis.sets)
+        members = tuple(self._expanded_member(item) for item in diagnosis.members)
+        classes = tuple(self._expanded_class(item) for item in diagnosis.classes)
         verdict = diagnosis.verdict
         if verdict == "cause_found" and sets[0].probability < CAUSE_FOUND_PROBABILITY:
             verdict = "ambiguous"
@@ -138,6 +142,8 @@ class Baseline:
             diagnosis,
             causes=causes,
             sets=sets,
+            members=members,
+            classes=classes,
             verdict=verdict,
             headline=self._headline(verdict),
             warnings=warnings,
@@ -226,9 +232,53 @@ class Baseline:
                 same = expanded.get(names, item)
                 if names in expanded:
                     probability += same.probability
-                expanded[names] = replace(same, effects=names, probability=probability)
+                expanded[names] = replace(
+                    same,
+                    effects=names,
+                    probability=probability,
+                    alternatives=tuple(map(self._with_same_curves, same.alternatives)),
+                )
         # A stable sort keeps the effect that stands for others before them.
         return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
+
+    def _with_same_curves(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the effects of a class, each followed by those that are the same curve."""
+        expanded: dict[str, None] = {}
+        for name in names:
+            # One effect alone is no class: its curve is shared by probability and a note.
+            shares = self.shares(name) if len(names) > 1 else {}
+            expanded.update(dict.fromkeys((name, *shares)))
+        return tuple(expanded)
+
+    def _expanded_member(self, member: Member) -> Member:
+        names = self._with_same_curves(member.effects)
+        if names == member.effects:
+            return member
+        return replace(member, effects=names, component=None)
+
+    def _expanded_class(self, item: EffectClass) -> EffectClass:
+        own = zip(item.members, item.forms, item.components, item.remedies, strict=True)
+        of_name = {name: tuple(texts) for name, *texts in own}
+        for name in item.members:
+            for effect in self.same_curves.get(name, ()):
+                texts = (effect.form, effect.component, effect.remedy)
+                of_name.setdefault(effect.name, texts)
+        names = self._with_same_curves(item.members)
+        sets: dict[tuple[str, ...], None] = {}
+        for of_set in item.sets:
+            for choice in itertools.product(*map(self.shares, of_set)):
+                sets[tuple(sorted(choice))] = None
+        forms, components, remedies = zip(
+            *(of_name[name] for name in names), strict=True
+        )
+        return replace(
+            item,
+            members=names,
+            forms=forms,
+            components=components,
+            remedies=remedies,
+            sets=tuple(sets),
+        )
 
     def _expanded_causes(self, diagnosis: Diagnosis) -> tuple[Cause, ...]:
         expanded = []
