@@ -13,6 +13,11 @@ class HmcvtError(ValueError):
         super().__init__(line if len(line) <= _MOST else f"{line[: _MOST - 4]} ...")
 
 
+def in_one_line(error: Exception) -> str:
+    """Return the text of an error as one line; its kind where it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 class InputError(HmcvtError):
     """What the user gave is wrong: the text names the place, the value and the range allowed."""
 

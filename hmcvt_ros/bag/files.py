@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from hmcvt_core import InputError
+from hmcvt_core.errors import in_one_line
 
 BAG_FILES = (".mcap", ".db3")
 """Endings of the files that hold messages."""
@@ -306,5 +307,4 @@ def _words(error: Exception | None) -> str:
     """Return what a library says of an error, without its full stop."""
     if error is None:
         return "unknown error"
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text.rstrip(".")
+    return in_one_line(error).rstrip(".")

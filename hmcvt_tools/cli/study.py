@@ -17,7 +17,7 @@ from hmcvt_core.diagnosis import Diagnosis
 from hmcvt_core.diagnosis.pipeline import with_tests_in_range
 from hmcvt_core.diagnosis.results.sentences import handed_over
 from hmcvt_core.diagnosis.settings import NAMED_SAMPLES
-from hmcvt_core.errors import HmcvtError, InputError
+from hmcvt_core.errors import HmcvtError, InputError, in_one_line
 from hmcvt_core.files import plain
 from hmcvt_core.files.atomic import write_atomically
 from hmcvt_core.files.bench import BenchSamples, read_bench, write_bench
@@ -38,7 +38,7 @@ from ..report.gap_map import draw_gap
 from ..report.pictures import draw_fit, save
 from ..report.power_paths import draw_power_paths
 from ..report.study import StudyFile, StudyStep, study_page
-from ..tables.raw import Imported, choose_columns, import_table
+from ..tables.raw import Imported, choose_columns, first_rows, import_table
 from . import common
 from .common import Answer
 from .export import bound_option
@@ -354,7 +354,7 @@ class _Study:
                 f"hmcvt export --params {saved} --format c --out {self.folder / 'c'} "
                 f"--bound {error.attainable:g}"
             )
-            reason = f"{_in_one_line(error)}: {command}, and so with --format fmu"
+            reason = f"{in_one_line(error)}: {command}, and so with --format fmu"
             self._refuse("c and model.fmu", reason)
             return
         files = self._write(
@@ -397,7 +397,7 @@ class _Study:
         try:
             write(str(self.folder / name))
         except HmcvtError as error:
-            self._refuse(name, _in_one_line(error))
+            self._refuse(name, in_one_line(error))
             return ()
         return (StudyFile(name, meaning),)
 
@@ -405,10 +405,6 @@ class _Study:
         """Name what is not written, and why, in one line."""
         self.refusals.append(f"not written: {name}: {reason}")
         self.steps.append(StudyStep(f"Not written: {name}", (reason,)))
-
-
-def _in_one_line(error: HmcvtError) -> str:
-    return " ".join(str(error).split())
 
 
 def _is_bench_file(path: str) -> bool:
@@ -454,7 +450,4 @@ def _left_out_note(name: str, rows: Sequence[str]) -> str:
         name: of the table.
         rows: each with the reason.
     """
-    shown = "; ".join(rows[:NAMED_SAMPLES])
-    if len(rows) > NAMED_SAMPLES:
-        shown += f"; and {len(rows) - NAMED_SAMPLES} more"
-    return f"left out of {name}: {shown}"
+    return f"left out of {name}: {first_rows(rows, NAMED_SAMPLES)}"

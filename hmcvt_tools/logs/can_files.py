@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hmcvt_core.errors import InputError
+from hmcvt_core.errors import InputError, in_one_line
 
 from .series import Remarks
 from .signals import BUS_NAME, BYTES, Frames
@@ -201,7 +201,7 @@ def _messages(
         if _is_cut_off(path):
             remarks.add("file", _CUT_OFF, last, 0)
     except Exception as error:  # python-can raises errors of many kinds for damage
-        words = " ".join(str(error).split()) or type(error).__name__
+        words = in_one_line(error)
         if math.isnan(last):
             raise InputError(
                 f"{path}: no CAN trace that can be read: {words}"

@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hmcvt_core.errors import in_one_line
+
 from .series import (
     Log,
     Remarks,
@@ -116,7 +118,7 @@ class GroupedLog(Log):
             try:
                 series = self._readings(channel, offset, count)
             except Exception as error:  # the libraries raise many kinds for damage
-                words = " ".join(str(error).split()) or type(error).__name__
+                words = in_one_line(error)
                 reason = f"cut off or damaged ({words}); what is before is used"
                 self.remarks.add(name, reason, last, 0)
                 return

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hmcvt_core.errors import InputError
+from hmcvt_core.errors import InputError, in_one_line
 
 from .can_files import BATCH
 from .grouped import GroupedLog, InGroup
@@ -48,7 +48,7 @@ def open_mdf(path: Path) -> Any:
         return asammdf.MDF(path)
     except Exception as error:  # asammdf raises errors of many kinds for damage
         _release(error)
-        words = " ".join(str(error).split()) or type(error).__name__
+        words = in_one_line(error)
         raise InputError(
             f"{path}: no MDF file that asammdf can read ({words}); a file that was not "
             "closed may be repaired by the tool that wrote it"

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from hmcvt_core.errors import InputError
+from hmcvt_core.errors import InputError, in_one_line
 from hmcvt_core.transmission.ranges import Array
 
 from ..tables.rules import meaning_of
@@ -55,7 +55,7 @@ def open_tdms(path: Path) -> TdmsLog:
         raise
     except Exception as error:  # npTDMS raises errors of many kinds for damage
         content.close()
-        words = " ".join(str(error).split()) or type(error).__name__
+        words = in_one_line(error)
         raise InputError(f"{path}: no TDMS file that can be read ({words})") from None
 
 

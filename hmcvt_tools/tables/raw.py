@@ -817,13 +817,18 @@ def _refuse(problems: Sequence[str], table: RawTable) -> None:
 
 
 def _rows_message(left_out: Sequence[str]) -> str:
-    more = ""
-    if len(left_out) > _MAX_SHOWN:
-        more = f"; and {len(left_out) - _MAX_SHOWN} more"
     count = ""
     if len(left_out) > 1:
         count = f"{len(left_out)} rows cannot be used (--skip-bad leaves them out): "
-    return f"{count}{'; '.join(left_out[:_MAX_SHOWN])}{more}"
+    return f"{count}{first_rows(left_out, _MAX_SHOWN)}"
+
+
+def first_rows(rows: Sequence[str], most: int) -> str:
+    """Return the first of some rows as one line, and how many more there are."""
+    shown = "; ".join(rows[:most])
+    if len(rows) > most:
+        shown += f"; and {len(rows) - most} more"
+    return shown
 
 
 def _bad_rows(

@@ -324,6 +324,14 @@ class Bench:
         response = future.result()
         return list(getattr(response, "results", [])) or [response.result]
 
+    def told_of_publisher(
+        self, kind: type[Any], topic: str, profile: QoSProfile, words: str
+    ) -> None:
+        """Require words in a status while another node has a publisher."""
+        with self.other_node("stranger") as node:
+            node.create_publisher(kind, topic, profile)
+            self.told(words, send=True)
+
     @contextmanager
     def other_node(self, name: str) -> Iterator[Node]:
         """Make another node in the namespace."""
@@ -776,9 +784,8 @@ def _(bench: Bench) -> str:
 @fault(_NAMES, "a second program publishes the engine speed")
 def _(bench: Bench) -> str:
     bench.start()
-    with bench.other_node("stranger") as node:
-        node.create_publisher(Float64, "engine_speed", qos.INPUT)
-        bench.told("engine_speed: 2 publishers", send=True)
+    words = "engine_speed: 2 publishers"
+    bench.told_of_publisher(Float64, "engine_speed", qos.INPUT, words)
     bench.answers()
     return "answers; WARN"
 
@@ -786,9 +793,8 @@ def _(bench: Bench) -> str:
 @fault(_NAMES, "a second program publishes on `efficiency`")
 def _(bench: Bench) -> str:
     bench.start()
-    with bench.other_node("stranger") as node:
-        node.create_publisher(Float64, "efficiency", qos.OUTPUT)
-        bench.told("efficiency: 2 publishers", send=True)
+    words = "efficiency: 2 publishers"
+    bench.told_of_publisher(Float64, "efficiency", qos.OUTPUT, words)
     bench.answers()
     return "answers; WARN"
 
@@ -1682,9 +1688,8 @@ def _(bench: Bench) -> str:
 @fault(_MESSAGES, "bench samples are published best effort")
 def _(bench: Bench) -> str:
     bench.start()
-    with bench.other_node("stranger") as node:
-        node.create_publisher(JointState, "bench_sample", qos.INPUT)
-        bench.told("bench_sample: stranger is not heard", send=True)
+    words = "bench_sample: stranger is not heard"
+    bench.told_of_publisher(JointState, "bench_sample", qos.INPUT, words)
     bench.answers()
     return "answers; names the publisher; WARN"
 

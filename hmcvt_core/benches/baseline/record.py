@@ -224,10 +224,7 @@ class Baseline:
     def _expanded_sets(self, sets: tuple[CauseSet, ...]) -> tuple[CauseSet, ...]:
         expanded: dict[tuple[str, ...], CauseSet] = {}
         for item in sets:
-            choices = [self.shares(name).items() for name in item.effects]
-            for choice in itertools.product(*choices):
-                share = float(np.prod([part for _, part in choice]))
-                names = tuple(sorted(name for name, _ in choice))
+            for names, share in self._same_curve_sets(item.effects):
                 probability = share * item.probability
                 same = expanded.get(names, item)
                 if names in expanded:
@@ -240,6 +237,18 @@ class Baseline:
                 )
         # A stable sort keeps the effect that stands for others before them.
         return tuple(sorted(expanded.values(), key=lambda item: -item.probability))
+
+    def _same_curve_sets(
+        self, effects: tuple[str, ...]
+    ) -> list[tuple[tuple[str, ...], float]]:
+        """Return the sets that some effects stand for, each with its share."""
+        sets = []
+        choices = [self.shares(name).items() for name in effects]
+        for choice in itertools.product(*choices):
+            share = float(np.prod([part for _, part in choice]))
+            names = tuple(sorted(name for name, _ in choice))
+            sets.append((names, share))
+        return sets
 
     def _with_same_curves(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the effects of a class, each followed by those that are the same curve."""
@@ -266,8 +275,8 @@ class Baseline:
         names = self._with_same_curves(item.members)
         sets: dict[tuple[str, ...], None] = {}
         for of_set in item.sets:
-            for choice in itertools.product(*map(self.shares, of_set)):
-                sets[tuple(sorted(choice))] = None
+            for names_of_set, _ in self._same_curve_sets(of_set):
+                sets[names_of_set] = None
         forms, components, remedies = zip(
             *(of_name[name] for name in names), strict=True
         )

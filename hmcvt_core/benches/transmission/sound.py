@@ -110,10 +110,6 @@ class SoundTransmission(HeldMachine):
             covariances.append(self.inflation**2 * covariance)
         return np.stack(means), np.stack(covariances)
 
-    def changed_by(self, effects: Sequence[Any], points: Points) -> Array:
-        """Return how effects change the channels, shape (channels, n)."""
-        return np.asarray(self.changed_by_each([effects], points)[0])
-
     def changed_by_each(self, sets: Sequence[Sequence[Any]], points: Points) -> Array:
         """Return how each set of effects changes the channels, all solved together."""
         cases = [(self.base, effects) for effects in sets]

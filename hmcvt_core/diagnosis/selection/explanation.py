@@ -189,11 +189,6 @@ class Explanation:
         gap = max(float(np.sum(squares)), ROUNDING)
         return min(float(np.sum(excess)) / gap, 1.0)
 
-    def extra_fraction(self, base_only: Explanation) -> float:
-        """Return the fraction of the squared change that an extra discrepancy makes, 0 to 1."""
-        extra, _ = self._fractions_not_explained(base_only)
-        return min(extra, 1.0)
-
     def makes_most_of_change(self, base_only: Explanation) -> bool:
         """Whether the listed effects make most of the squared change from the base model.
 
@@ -206,7 +201,7 @@ class Explanation:
         left = np.sum(self.fit.whitened**2)
         noise = float(base_only.fit.whitened.size)
         reduced = (before - left) / max(before - noise, 1.0)
-        extra = self.extra_fraction(base_only)
+        extra, _ = self._fractions_not_explained(base_only)
         return bool(min(reduced, 1.0 - extra) >= OTHER_FORM_FRACTION)
 
     def _fractions_not_explained(self, base_only: Explanation) -> tuple[float, float]:

@@ -72,8 +72,9 @@ class Posterior:
     def sets(self) -> dict[Names, Weighted]:
         """Refit and probability of each set of effects that is all of the gap, likeliest first."""
         fractions = []
-        for explanation, p in self.entries:
-            fraction = explanation.explained_fraction(self.base_only)
+        for (explanation, p), fraction in zip(
+            self.entries, self._explained, strict=True
+        ):
             fractions.append((explanation, fraction * p))
         return _by_names(fractions)
 
@@ -85,13 +86,19 @@ class Posterior:
         helps to imitate a loss of unknown form, with an evidence that grows with the samples.
         """
         entries = []
-        for explanation, p in self.entries:
+        for (explanation, p), fraction in zip(
+            self.entries, self._explained, strict=True
+        ):
             if explanation.fit.hypothesis.reversed_sign:
                 continue
-            explained = explanation.explained_fraction(self.base_only)
-            if explained > LIKELY or explanation.makes_most_of_change(self.base_only):
+            if fraction > LIKELY or explanation.makes_most_of_change(self.base_only):
                 entries.append((explanation, p))
         return _by_names(entries)
+
+    @cached_property
+    def _explained(self) -> list[float]:
+        """How far the listed effects of each entry explain the gap, 0 to 1."""
+        return [entry.explained_fraction(self.base_only) for entry, _ in self.entries]
 
     @cached_property
     def unlisted(self) -> float:
