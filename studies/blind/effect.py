@@ -85,9 +85,12 @@ class Effect:
         """Displacement ratio that the swash plate really takes."""
         return command
 
-    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
-        """Relative loss of speed in the mechanical path."""
-        return np.zeros_like(load_torque)
+    def clutch_slip(self, torque: FloatArray) -> FloatArray:
+        """Sliding speed of the closed clutch of the mechanical path [rad/s].
+
+        Torque and speed are referred to the engine shaft.
+        """
+        return np.zeros_like(torque)
 
     def viscosity(self, oil_temperature: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Relative viscosity in leakage gaps, and in bearing and sliding films."""

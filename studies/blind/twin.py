@@ -215,13 +215,14 @@ class Plant:
         command = np.broadcast_to(points.displacement_ratio, shape)
         load = np.broadcast_to(points.load_torque, shape)
         stroke, slip = command, np.zeros(shape)
+        clutch_torque = self._clutch_torque(engine, motor, points)
         gap, film = np.ones(shape), np.ones(shape)
         for effect in self.effects:
             stroke = effect.true_stroke(stroke, pressure)
-            slip = slip + effect.carrier_slip(load)
+            slip = slip + effect.clutch_slip(clutch_torque)
             in_gap, in_film = effect.viscosity(points.oil_temperature)
             gap, film = gap * in_gap, film * in_film
-        carrier = self.train.carrier_speed(engine) * (1.0 - slip)
+        carrier = self.train.carrier_speed(engine - slip)
         ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
         return Conditions(
             command,
@@ -239,6 +240,20 @@ class Plant:
             self.train.motor_displacement,
             self.base.leakage,
         )
+
+    def _clutch_torque(
+        self, engine: FloatArray, motor: FloatArray, points: OperatingPoints
+    ) -> FloatArray:
+        """Torque of the mechanical path as it is before the clutch slips [N m].
+
+        Torques at a row stand in a fixed ratio: the clutch follows the torque of the output.
+        """
+        carrier = self.train.carrier_speed(engine)
+        output = self.train.output_speed(self.train.ring_speed(carrier, motor))
+        ratio = self.train.output_speed(self.train.ring_speed(carrier, 0.0 * motor))
+        ratio = ratio / engine
+        power = points.load_torque * points.engine_speed
+        return np.asarray(power / np.maximum(output, _STALL) * ratio)
 
     def _mesh(self, pair: int, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Efficiency of a gear pair under `torque` at `speed` of its faster side."""

@@ -99,9 +99,9 @@ class ClutchMicroslip(Effect):
     limit: ClassVar[float] = 20.0
     capacity: float = between(330.0, 420.0)
 
-    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
-        excess = np.logaddexp(0.0, (load_torque - self.capacity) / 15.0) * 15.0
-        return np.asarray(np.minimum(self.size * 1e-4 * excess, 0.5))
+    def clutch_slip(self, torque: FloatArray) -> FloatArray:
+        excess = np.logaddexp(0.0, (torque - self.capacity) / 15.0) * 15.0
+        return np.asarray(np.minimum(self.size * 0.015 * excess, 75.0))
 
 
 def draw_field(rng: np.random.Generator) -> tuple[float, ...]:

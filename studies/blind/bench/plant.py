@@ -34,6 +34,9 @@ _PRESSURE_TOLERANCE = 1e-5
 _SPEED_TOLERANCE = 1e-11
 #: The same torque where the search only begins [N m].
 _LITTLE_TORQUE = 1e-2
+#: Passes in which the slip of a clutch has to settle, and within what [-].
+_SLIP_PASSES = 40
+_SLIP_TOLERANCE = 1e-9
 #: Motor speed below which friction holds the motor [rad/s]: width of a root at its jump.
 _STANDING = 1e-9
 #: Speed of the sun against the carrier over which the sense of the mesh loss turns [rad/s].
@@ -51,6 +54,7 @@ _HOOKS = (
     "output_drag_power",
     "mesh_loss",
     "planetary_loss",
+    "clutch_slip",
 )
 
 
@@ -148,11 +152,11 @@ class _Solver:
         self.settings = settings
         self.power = settings.load_torque * settings.engine_speed
         self.command = self.train.sense * settings.displacement_ratio
+        #: Of the closed clutch of the mechanical path, against its speed.
         self.slip = np.zeros(len(settings))
         self.gap = np.ones(len(settings))
         self.film = np.ones(len(settings))
         for effect in self.effects:
-            self.slip = self.slip + effect.carrier_slip(settings.load_torque)
             in_gap, _ = effect.viscosity(settings.oil_temperature)
             _, in_film = effect.viscosity(settings.film_temperature)
             self.gap = self.gap * in_gap
@@ -162,6 +166,35 @@ class _Solver:
 
     def state(self) -> State:
         """Return the steady state with the fastest output."""
+        state = self._state_at_slip()
+        if not self.acting["clutch_slip"]:
+            return state
+        for _ in range(_SLIP_PASSES):
+            before = self.slip
+            self.slip = self._slip_under(state)
+            state = self._state_at_slip()
+            settled = np.abs(self.slip - before) < _SLIP_TOLERANCE
+            if np.all(settled | ~state.runs):
+                break
+        # Where the slip does not settle, the clutch has broken away.
+        return replace(state, runs=state.runs & settled)
+
+    def _slip_under(self, state: State) -> FloatArray:
+        """Slip of the clutch under the torque of a state [-].
+
+        Torques at a row stand in a fixed ratio: the clutch follows that of the row.
+        """
+        torque = self._mechanical_torque(
+            self._conditions(state.motor_speed, state.pressure)
+        )
+        sliding = np.zeros_like(torque)
+        for effect in self.acting["clutch_slip"]:
+            sliding = sliding + effect.clutch_slip(np.abs(torque))
+        slip = np.sign(torque) * sliding / self.settings.engine_speed
+        return np.where(state.runs, slip, 0.0)
+
+    def _state_at_slip(self) -> State:
+        """Return the steady state with the fastest output, the slip given."""
         low, high = self._bracket()
         stalls = ~np.isfinite(low)
         low = np.where(stalls, 0.0, low)
@@ -417,8 +450,8 @@ class _Solver:
         ring = self.train.ring_ratio * (1.0 - share) ** drives
         return {"sun": np.ones_like(ring), "ring": ring, "carrier": -(1.0 + ring)}
 
-    def _engine_power(self, at: BenchConditions) -> FloatArray:
-        """Power that the engine gives [W]."""
+    def _mechanical_torque(self, at: BenchConditions) -> FloatArray:
+        """Torque that the mechanical path takes from the engine [N m]."""
         train = self.train
         if train.pump_on_row:
             _, mechanical = self._braced(at)
@@ -426,8 +459,12 @@ class _Solver:
             _, mechanical = self._row_torques(at)
         path = train.mechanical
         shaft = path.direction * mechanical / path.ratio
-        engine = self._gears(path, shaft, at.engine_speed, -1.0)
-        power = engine * at.engine_speed
+        return self._gears(path, shaft, at.engine_speed, -1.0)
+
+    def _engine_power(self, at: BenchConditions) -> FloatArray:
+        """Power that the engine gives [W]."""
+        train = self.train
+        power = self._mechanical_torque(at) * at.engine_speed
         if not train.pump_on_row:
             pump = self._gears(train.pump, self._pump_torque(at), at.pump_speed, -1.0)
             power = power + pump * at.pump_speed

@@ -83,7 +83,7 @@ class CreepingClutch(UnlistedLoss):
     """A closed clutch that creeps: slip grows with torque, steeply above what it holds.
 
     Attributes:
-        capacity: load torque from which slip grows steeply [N m].
+        capacity: torque at the engine shaft from which slip grows steeply [N m].
         creep: slip below it, against that above.
     """
 
@@ -96,10 +96,10 @@ class CreepingClutch(UnlistedLoss):
     capacity: float = between(180.0, 320.0)
     creep: float = between(0.02, 0.2)
 
-    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
-        below = self.creep * load_torque
-        above = _softplus(load_torque - self.capacity, 12.0)
-        return np.asarray(np.minimum(self.size * 6e-5 * (below + above), 0.3))
+    def clutch_slip(self, torque: FloatArray) -> FloatArray:
+        below = self.creep * torque
+        above = _softplus(torque - self.capacity, 12.0)
+        return np.asarray(np.minimum(self.size * 0.009 * (below + above), 45.0))
 
 
 @dataclass(frozen=True)

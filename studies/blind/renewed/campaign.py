@@ -20,7 +20,7 @@ from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import BASE_ERRORS, UNLISTED, Accessory
 
 #: Version of the generator: equal versions and seeds give equal readings.
-VERSION = 2
+VERSION = 3
 #: Kinds of campaign, with how often each occurs among all.
 KINDS = {
     "single": 9,

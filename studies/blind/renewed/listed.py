@@ -284,10 +284,10 @@ class ClutchSlip(OwnForm):
     limit: ClassVar[float] = 20.0
     rise: float = between(60.0, 160.0)
 
-    def carrier_slip(self, load_torque: FloatArray) -> FloatArray:
-        creep = np.expm1(np.minimum(load_torque / self.rise, 8.0))
+    def clutch_slip(self, torque: FloatArray) -> FloatArray:
+        creep = np.expm1(np.minimum(torque / self.rise, 8.0))
         creep = creep / np.expm1(400.0 / self.rise)
-        return np.asarray(np.minimum(0.02 * self.size * creep, 0.3))
+        return np.asarray(np.minimum(3.0 * self.size * creep, 45.0))
 
 
 # --- losses of flow ---------------------------------------------------------------------------
