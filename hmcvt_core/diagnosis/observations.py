@@ -198,13 +198,15 @@ class Observations:
         )
 
     def describe(self, i: int) -> str:
-        """Return one sample by its number, from 1, and its operating point."""
+        """Return one sample by its row in the file, or its number, and its operating point."""
         parts = []
         for axis in self.steered:
             value = self.points[axis.name][i]
             part = f"{axis.name.replace('_', ' ')} {value:.4g} {axis.unit}"
             parts.append(part.removesuffix(" -"))
-        return f"sample {self.number[i] + 1} ({', '.join(parts)})"
+        rows = getattr(self.samples, "rows", ())
+        name = f"row {rows[i]}" if rows else f"sample {self.number[i] + 1}"
+        return f"{name} ({', '.join(parts)})"
 
 
 def noise_statement(

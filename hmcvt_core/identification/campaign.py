@@ -112,15 +112,12 @@ def set_aside_remarks(
     """
     remarks = []
     for i in rejected[:_MAX_NAMED]:
-        name = f"sample {i + 1}"
-        if samples.rows:
-            name = f"row {samples.rows[i]}"
         contrast = f"the rest of the samples say {expected[i]:.4g}"
         if not np.isfinite(expected[i]):
             contrast = "the model of the rest has no answer at it"
         reading = f"{samples.efficiency[i]:.4g}"
         remarks.append(
-            f"{name} is rejected: it reads {reading}, {contrast} ({_point(samples, int(i))})"
+            f"{samples.label(i)} is rejected: it reads {reading}, {contrast} ({_point(samples, int(i))})"
         )
     if len(rejected) > _MAX_NAMED:
         remarks.append(

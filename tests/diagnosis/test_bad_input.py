@@ -2,6 +2,7 @@
 """Bad input: a clear refusal or a sane answer, never another exception."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -101,6 +102,10 @@ def test_samples_the_model_cannot_carry():
     )
     assert found.notes[1].startswith("sample 1 (displacement ratio"), "it fits nothing"
     assert f"efficiency {odd.efficiency[0]:.4g}, stands alone" in found.notes[1]
+    of_file = replace(odd, rows=tuple(range(2, 26)))
+    notes = hmcvt.diagnose(BASE, of_file, noise=NOISE).notes
+    assert "left out: row 3 (displacement ratio" in notes[0]
+    assert notes[1].startswith("row 2 (displacement ratio")
     most = with_column(QUIET, load_torque=np.full(24, 4900.0))
     with pytest.raises(
         hmcvt.InputError, match=r"15 of 24 samples ask .* check load_torque"
