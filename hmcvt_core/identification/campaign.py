@@ -116,8 +116,9 @@ def set_aside_remarks(
         if not np.isfinite(expected[i]):
             contrast = "the model of the rest has no answer at it"
         reading = f"{samples.efficiency[i]:.4g}"
+        point = _point(samples, int(i))
         remarks.append(
-            f"{samples.label(i)} is rejected: it reads {reading}, {contrast} ({_point(samples, int(i))})"
+            f"{samples.label(i)} is rejected: it reads {reading}, {contrast} ({point})"
         )
     if len(rejected) > _MAX_NAMED:
         remarks.append(
