@@ -283,7 +283,7 @@ def _condition_notes(
             f"are outside the {temperatures[0]:.0f} to {temperatures[1]:.0f} deg C of the "
             "identification"
         )
-    notes += _drag_notes(model, "oil_temperature" in selection.quantities)
+    notes += _oil_notes(model, "oil_temperature" in selection.quantities)
     if settings.wear == 0.0:
         notes.append("wear since the identification is not in the intervals (--wear)")
     elif not model.states_errors:
@@ -300,17 +300,17 @@ def _condition_notes(
     return notes
 
 
-def _drag_notes(model: EfficiencyModel, has_temperature: bool) -> list[str]:
-    """Return which drags follow the oil, where the model has such effects.
+def _oil_notes(model: EfficiencyModel, has_temperature: bool) -> list[str]:
+    """Return which effects follow the oil, where the model has such effects.
 
     Args:
         model: with its effects.
         has_temperature: whether the log states the oil temperature.
     """
-    drags = [effect for effect in model.effects if effect.needs_oil_temperature]
+    followers = [effect for effect in model.effects if effect.needs_oil_temperature]
     if not has_temperature:
-        return without_oil_temperature(drags)
-    names = dict.fromkeys(effect.name for effect in drags)
+        return without_oil_temperature(followers)
+    names = dict.fromkeys(effect.name for effect in followers)
     return [f"effect {name} follows the oil temperature of the log" for name in names]
 
 

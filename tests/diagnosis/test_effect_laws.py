@@ -16,7 +16,11 @@ from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingC
 from hmcvt_core.physics.effects.hydraulic import (
     InletStarvation,
     OilTemperature,
+    PressureLeakage,
     ReliefValve,
+    StrokeLeakage,
+    ViscousPressureLeakage,
+    ViscousStrokeLeakage,
 )
 from hmcvt_core.physics.effects.mechanical import (
     AccessoryDrive,
@@ -289,9 +293,46 @@ def test_a_drag_with_the_oil_follows_its_viscosity(viscous, plain, shapes):
     assert lost(viscous, None) == pytest.approx(warm)
 
 
-def test_a_drag_with_the_oil_is_a_candidate_where_the_oil_temperature_is_read():
+@pytest.mark.parametrize(
+    ("viscous", "plain"),
+    [(ViscousPressureLeakage, PressureLeakage), (ViscousStrokeLeakage, StrokeLeakage)],
+    ids=str,
+)
+def test_a_leak_with_the_oil_follows_its_fluidity(viscous, plain):
+    def efficiency(kind, oil_temperature):
+        model = _with(kind(leakage=2e-11, exponent=1.0))
+        return model.efficiency(0.5, 150.0, 200.0, oil_temperature=oil_temperature)
+
+    cold, warm, hot = (efficiency(viscous, oil) for oil in (30.0, 60.0, 90.0))
+    assert cold > warm > hot
+    assert warm == pytest.approx(efficiency(plain, 60.0))
+    assert efficiency(viscous, None) == pytest.approx(warm)
+
+
+def test_a_leak_is_named_on_a_warming_bench():
+    """The oil is Vogel's and the gap opens by a cubic law: no form of the library."""
+    points = random_points(6, 64)
+    warming = 80.0 - 45.0 * np.exp(-np.arange(64) / 20.0)
+    points = points._replace(oil_temperature=warming)
+
+    def flow(state):
+        vogel = 950.0 / (state.oil_temperature + 105.0) - 950.0 / 165.0
+        pressure = state.pressure
+        opening = (1.0 + np.abs(pressure) / 40e6) ** 3 - 1.0
+        return 4e-12 * pressure * opening / np.exp(vogel)
+
+    leak = type("Leak", (Effect,), {"leakage_flow": lambda self, state: flow(state)})()
+    samples = measure(points, [leak], noise=0.001, speed_noise=0.0005)
+    found = hmcvt.diagnose(BASE, samples, noise=0.001)
+    assert found.verdict == "cause_found"
+    assert found.sets[0].effects == ("pressure_leakage",)
+
+
+def test_losses_with_the_oil_are_candidates_where_the_oil_temperature_is_read():
     needing = {
         "fan_drive",
+        "pressure_leakage",
+        "stroke_leakage",
         "bearing_drag",
         "churning",
         "output_churning",

@@ -74,6 +74,26 @@ class PistonLeakage(PressureLeakage):
 
 
 @dataclass(frozen=True)
+class ViscousPressureLeakage(PressureLeakage):
+    """q = c dp (|dp| / 20 MPa)^m / mu^n: gaps that open with pressure leak more of a warm oil."""
+
+    form = "with the oil"
+    needs_oil_temperature = True
+    assumes_oil_temperature = True
+    source = "flow through a gap ~ 1 / viscosity: Merritt 1967, 3.2; Ivantysyn & Ivantysynova"
+    remedy = "measure the output speed at one pressure with cold and warm oil"
+
+    oil_exponent: float = shape(
+        "-", (1.0,), "power of viscosity in the leakage", limits=(0.0, 1.0)
+    )
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        # Its own viscosity takes the place of that of `oil_temperature`.
+        flow = super().leakage_flow(state) * state.viscosity_ratio
+        return flow / oil_factor(state, self.oil_exponent)
+
+
+@dataclass(frozen=True)
 class OrificeLeakage(Effect):
     """q = k sqrt(dp): short sharp gaps (valve plate) leak without viscosity."""
 
@@ -108,6 +128,28 @@ class StrokeLeakage(Effect):
     def leakage_flow(self, state: ShaftState) -> Value:
         tilt = np.abs(state.displacement_ratio) ** self.exponent
         return self.leakage / state.viscosity_ratio * state.pressure * tilt
+
+
+@dataclass(frozen=True)
+class ViscousStrokeLeakage(StrokeLeakage):
+    """q = c dp |eps|^m / mu^n: gaps that open with the stroke leak more of a warm oil."""
+
+    form = "with the oil"
+    needs_oil_temperature = True
+    assumes_oil_temperature = True
+    source = "flow through a gap ~ 1 / viscosity: Merritt 1967, 3.2"
+    remedy = (
+        "measure the output speed at one pressure and stroke with cold and warm oil"
+    )
+
+    oil_exponent: float = shape(
+        "-", (1.0,), "power of viscosity in the leakage", limits=(0.0, 1.0)
+    )
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        # Its own viscosity takes the place of that of `oil_temperature`.
+        flow = super().leakage_flow(state) * state.viscosity_ratio
+        return flow / oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -495,6 +537,15 @@ class PortPressureDrop(Effect):
             * np.abs(x) ** self.exponent
             * state.viscosity_ratio ** (2.0 - self.exponent)
         )
+
+
+def oil_factor(state: ShaftState, exponent: float) -> Value:
+    """(viscosity / viscosity at 60 deg C)^exponent [-]; 1 where no oil temperature is known."""
+    if state.oil_temperature is None:
+        return 1.0
+    viscosity = walther_log_viscosity(state.oil_temperature)
+    at_reference = walther_log_viscosity(np.array(REFERENCE_TEMPERATURE))
+    return np.asarray(np.exp(exponent * (viscosity - at_reference)))
 
 
 def walther_log_viscosity(

@@ -16,7 +16,7 @@ from .base import (
     shape,
     size,
 )
-from .hydraulic import REFERENCE_TEMPERATURE, walther_log_viscosity
+from .hydraulic import oil_factor
 
 _ENGINE_REFERENCE = (
     150.0  # rad/s, mid speed of the paper's engine: sizes are stated there
@@ -24,15 +24,6 @@ _ENGINE_REFERENCE = (
 _OUTPUT_REFERENCE = 180.0  # rad/s, the same at the output of HM4
 _TORQUE_REFERENCE = 250.0  # N m of a path's shaft
 _UNIT_REFERENCE = 200.0  # rad/s of pump or motor
-
-
-def _oil_factor(state: ShaftState, exponent: float) -> Value:
-    """(viscosity / viscosity at 60 deg C)^exponent [-]; 1 where no oil temperature is known."""
-    if state.oil_temperature is None:
-        return 1.0
-    viscosity = walther_log_viscosity(state.oil_temperature)
-    at_reference = walther_log_viscosity(np.array(REFERENCE_TEMPERATURE))
-    return np.asarray(np.exp(exponent * (viscosity - at_reference)))
 
 
 @dataclass(frozen=True)
@@ -94,7 +85,7 @@ class ViscousBearingDrag(BearingDrag):
     )
 
     def engine_drag(self, state: ShaftState) -> Value:
-        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
+        return super().engine_drag(state) * oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -139,7 +130,7 @@ class ViscousChurning(Churning):
     )
 
     def engine_drag(self, state: ShaftState) -> Value:
-        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
+        return super().engine_drag(state) * oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -247,7 +238,7 @@ class ViscousOutputChurning(OutputChurning):
     )
 
     def output_drag(self, state: ShaftState) -> Value:
-        return super().output_drag(state) * _oil_factor(state, self.oil_exponent)
+        return super().output_drag(state) * oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -316,10 +307,10 @@ class ViscousClutchDrag(ClutchDrag):
     )
 
     def output_drag(self, state: ShaftState) -> Value:
-        return super().output_drag(state) * _oil_factor(state, self.oil_exponent)
+        return super().output_drag(state) * oil_factor(state, self.oil_exponent)
 
     def engine_drag(self, state: ShaftState) -> Value:
-        return super().engine_drag(state) * _oil_factor(state, self.oil_exponent)
+        return super().engine_drag(state) * oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
