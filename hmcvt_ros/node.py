@@ -936,6 +936,7 @@ class EfficiencyNode(Node):
                 self._activity,
                 self._log,
                 self._point(now),
+                self._oil(now),
                 self._outputs.refusal,
                 self._first_settings,
                 self._settings,
