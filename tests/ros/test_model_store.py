@@ -119,6 +119,18 @@ def test_state_without_its_checksum_is_not_taken_up_silently(
     assert "its checksum is missing or does not match" in again.complaint
 
 
+def test_state_that_states_no_laws_of_effects_is_taken_up(paper_file, tmp_path):
+    first = refit(ModelStore(paper_file, tmp_path), 1e-12)
+    path = tmp_path / "in_service.json"
+    state = json.loads(path.read_text())
+    for key in ("laws", "base_laws", "checksum"):
+        del state[key]
+    state["checksum"] = model_store._checksum(state)
+    path.write_text(json.dumps(state))
+    again = ModelStore(paper_file, tmp_path, "0f")
+    assert (again.in_service.model.fingerprint, again.complaint) == (first, "")
+
+
 def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
     paper_file, tmp_path
 ):
