@@ -182,6 +182,19 @@ def test_equal_refit_is_no_new_version(paper_file, base, tmp_path):
     assert store.revert().fingerprint == base.fingerprint
 
 
+def test_equal_refit_that_covers_more_is_a_new_version(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    refit(store, 1e-12)
+    model = store.in_service.model
+    wide = hmcvt.Domain((-1.0, 1.0), (80.0, 230.0), (10.0, 400.0))
+    for domain in (wide, replace(wide, oil_temperature=(50.0, 70.0))):
+        path = store.new_path()
+        hmcvt.save_model(replace(model, domain=domain), path)
+        assert store.adopt(path).fingerprint == model.fingerprint
+        assert store.in_service.path == path
+        assert store.in_service.model.domain == domain
+
+
 def test_what_a_person_accepted_last_is_remembered(tmp_path):
     path = hmcvt.data_path("params/hm4.yaml")
     store = ModelStore(path, tmp_path)

@@ -389,6 +389,18 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "own_effect.py"
 TIPPED = GOOD._replace(engine_speed=200.0)  # where its block tips
 
 
+def test_client_states_why_there_is_no_answer(node, connect, capfd):
+    """The logger of ROS writes to the stream of the process."""
+    node.player.hold(GOOD._replace(displacement_ratio=5.0), patience=2.5)
+    assert (
+        "no answer: inputs: displacement_ratio = 5 is outside" in capfd.readouterr().err
+    )
+    node.player.hold(STALLED, patience=2.5)
+    assert "; model: the load" in capfd.readouterr().err
+    connect("/nowhere").hold(GOOD, patience=0.0)
+    assert "no answer: no diagnostics come from the node" in capfd.readouterr().err
+
+
 def with_own_effect(folder):
     """Write a parameter file with an effect of the user; return it and the file of the effect."""
     path = folder / "tipping.yaml"
