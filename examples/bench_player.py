@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -199,7 +199,8 @@ class BenchPlayer(Node):
     ) -> Answer:
         """Send the three inputs some rounds, as a bench would, and return the last answer.
 
-        `patience` is how much longer to wait for an answer [s].
+        `patience` is how much longer to wait for an answer [s]. Where there is none, a warning in
+        the log states why.
         """
         # In its first round the node sees mixtures of this point and the previous one.
         self.send_inputs(point)
@@ -214,12 +215,24 @@ class BenchPlayer(Node):
             self.spin_for(ROUND)
             rounds -= 1
         self._settle()
-        return Answer(
+        answer = Answer(
             *(
                 values[-1] if values else None
                 for values in (self.efficiencies, self.optima)
             )
         )
+        if None in answer:
+            self.get_logger().warning(f"no answer: {self._reason_of_silence()}")
+        return answer
+
+    def _reason_of_silence(self) -> str:
+        """Return what the last diagnostics say of the inputs, and of the model if it complains."""
+        if not {"inputs", "model"} <= self.statuses.keys():
+            return "no diagnostics come from the node hmcvt; does it run in this namespace?"
+        reason = f"inputs: {self.statuses['inputs']['message']}"
+        if self.statuses["model"]["level"] != DiagnosticStatus.OK:
+            reason = f"{reason}; model: {self.statuses['model']['message']}"
+        return reason
 
     def _settle(self) -> None:
         """Take messages until the outputs pause; a busy machine lags behind."""

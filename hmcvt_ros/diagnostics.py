@@ -255,6 +255,7 @@ def model_status(
     activity: Activity,
     log: Recorder,
     point: OperatingPoint | None,
+    oil_temperature: float | None,
     refusal: str,
     start: Settings,
     settings: Settings,
@@ -269,11 +270,12 @@ def model_status(
         activity: what the node has done and does.
         log: log of the bench samples.
         point: present operating point, None without one.
+        oil_temperature: [deg C]; None where it is not known, or does not matter.
         refusal: why the model has no answer there; empty when it has.
         start: parameters of the node at its start.
         settings: present parameters.
     """
-    extrapolation = _extrapolation(served, point)
+    extrapolation = _extrapolation(served, point, oil_temperature)
     changed = changes(start, settings)
     state = "; ".join(filter(None, (complaint, log.complaint)))
     warnings = _refit_warnings(served)
@@ -327,12 +329,13 @@ def gap_status(name: str, public: PublicText, opening: Opening) -> DiagnosticSta
     return _status(name, "gap", level, str(opening), values, public)
 
 
-def _extrapolation(served: InService, point: OperatingPoint | None) -> str:
+def _extrapolation(
+    served: InService, point: OperatingPoint | None, oil_temperature: float | None
+) -> str:
     """Return which inputs lie outside the data of the identification; empty when none does."""
-    domain = served.model.domain
-    if point is None or domain is None:
+    if point is None:
         return ""
-    return "; ".join(domain.departures(*point))
+    return "; ".join(served.model.departures(*point, oil_temperature))
 
 
 def _activity_values(activity: Activity) -> dict[str, Any]:

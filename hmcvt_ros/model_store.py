@@ -7,10 +7,14 @@
 The second file is replaced as a whole, so that a crash at any moment leaves the model before or
 the one after in service. It has a checksum and names the fingerprints of the models: a model that
 is not what was put into service is not served, and the one before it is.
+
+An effect of the user has its laws in `effects_file`. The second file states by which of them a
+model was put into service, so that a start with an edited file is noticed.
 """
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -44,11 +48,14 @@ class _Version(NamedTuple):
         name: name of its parameter file.
         fingerprint: its fingerprint; '' where unknown.
         accepted: whether a person decided on it.
+        laws: checksum of the file with the effects of the user; '' where it has none of them, or
+            where that is unknown.
     """
 
     name: str
     fingerprint: str
     accepted: bool = False
+    laws: str = ""
 
 
 _Stack = list[_Version]
@@ -70,7 +77,8 @@ class _Selection:
     Attributes:
         stack: models put into service, this one last.
         model: model itself.
-        complaint: why it is not the last model put into service; empty when it is.
+        complaint: why it is not the last model put into service, or answers otherwise than it
+            did; empty when it is.
     """
 
     stack: _Stack
@@ -86,11 +94,17 @@ class ModelStore:
     Attributes:
         base: parameter file that the node was given.
         in_service: model in service.
-        complaint: why it is not the last model put into service; empty when it is.
+        complaint: why it is not the last model put into service, or answers otherwise than it
+            did; empty when it is.
     """
 
-    def __init__(self, base: Path, folder: Path) -> None:
-        """Take up the state in `folder` for a node that starts from the file `base`.
+    def __init__(self, base: Path, folder: Path, effects_checksum: str = "") -> None:
+        """Take up the state of a node.
+
+        Args:
+            base: parameter file that the node starts from.
+            folder: holds the state.
+            effects_checksum: that of the file with the effects of the user; empty without one.
 
         Raises:
             InputError: the file `base` is missing, damaged or not to be served.
@@ -99,7 +113,9 @@ class ModelStore:
         self.complaint = ""
         self._models = folder / "models"
         self._state = folder / "in_service.json"
+        self._effects_checksum = effects_checksum
         self._base_model = servable(base)
+        self._base_laws = self._laws_of(self._base_model)
         selection = self._newest_intact(self._resumed())
         self._stack = selection.stack
         self.complaint = self.complaint or selection.complaint
@@ -145,10 +161,15 @@ class ModelStore:
         if self._is_in_service(model):
             if path != self.in_service.path:
                 path.unlink()
-            return self.in_service.model
+            return self._confirmed()
         # The first refit of an example identifies the unit: nothing was known of it before.
         first_of_example = not self._stack and not self._base_model.standard_errors
-        version = _Version(path.name, model.fingerprint, accepted or first_of_example)
+        version = _Version(
+            path.name,
+            model.fingerprint,
+            accepted or first_of_example,
+            self._laws_of(model),
+        )
         stack = [*self._with_room(), version]
         return self._commit(_Selection(stack, model))
 
@@ -233,32 +254,78 @@ class ModelStore:
                 stack = before
                 continue
             stack = [*before, last._replace(fingerprint=model.fingerprint)]
-            return _Selection(stack, model, self._fallback(problems, stack))
-        return _Selection([], self._base_model, self._fallback(problems, []))
+            return _Selection(stack, model, self._complaint(problems, stack, model))
+        complaint = self._complaint(problems, [], self._base_model)
+        return _Selection([], self._base_model, complaint)
 
-    def _fallback(self, problems: list[str], stack: _Stack) -> str:
-        if not problems:
-            return ""
-        return "; ".join([*problems, f"{self._path(stack)} serves instead"])
+    def _complaint(
+        self, problems: list[str], stack: _Stack, model: EfficiencyModel
+    ) -> str:
+        """Return why a model is not the one expected, or answers otherwise; empty when it is."""
+        path = self._path(stack)
+        sentences = list(problems)
+        if problems:
+            sentences.append(f"{path} serves instead")
+        if self._has_other_laws(stack, model):
+            sentences.append(
+                f"effects_file was changed since {path} was put into service, which may therefore "
+                "answer otherwise: restore effects_file and start again, or call ~/reidentify"
+            )
+        return "; ".join(sentences)
+
+    def _laws_of(self, model: EfficiencyModel) -> str:
+        """Return by which laws a model answers, as `_Version.laws`."""
+        for effect in model.effects:
+            if not type(effect).__module__.startswith("hmcvt_core."):
+                return self._effects_checksum
+        return ""
+
+    def _has_other_laws(self, stack: _Stack, model: EfficiencyModel) -> bool:
+        """Whether a model answers by other laws than when it was put into service."""
+        laws = stack[-1].laws if stack else self._base_laws
+        return laws not in ("", self._laws_of(model))
+
+    def _confirmed(self) -> EfficiencyModel:
+        """Keep the model in service, which a refit by the present laws has confirmed."""
+        stack = self._stack
+        model = self.in_service.model
+        if not self._has_other_laws(stack, model):
+            return model
+        if stack:
+            stack = [*stack[:-1], stack[-1]._replace(laws=self._laws_of(model))]
+        else:
+            self._base_laws = self._laws_of(model)
+        return self._commit(_Selection(stack, model))
 
     def _commit(self, selection: _Selection) -> EfficiencyModel:
         """Write the state, and serve a model."""
-        stack = selection.stack
+        self._write(selection.stack)
+        self._stack = selection.stack
+        self.complaint = selection.complaint
+        self.in_service = self._serving(selection)
+        return selection.model
+
+    def _write(self, stack: _Stack) -> None:
+        """Write the state with the models put into service."""
         state = {
             "base": str(self.base),
             "base_fingerprint": self._base_model.fingerprint,
+            "base_laws": self._base_laws,
             "in_service": [version.name for version in stack],
             "fingerprints": [version.fingerprint for version in stack],
             "accepted": [version.accepted for version in stack],
+            "laws": [version.laws for version in stack],
         }
         sealed = {**state, "checksum": _checksum(state)}
         require_plain_path(self._state.parent)
         require_plain_path(self._state)
         write_atomically(self._state, json.dumps(sealed, indent=1) + "\n")
-        self._stack = stack
-        self.complaint = selection.complaint
-        self.in_service = self._serving(selection)
-        return selection.model
+
+    def _remember_base(self) -> None:
+        """Write by which laws the base is served, unless it has no effect of the user."""
+        if self._base_laws:
+            with suppress(OSError):  # the state folder reports that itself
+                self._write([])
 
     def _resumed(self) -> _Stack:
         """Return the models of an earlier run; none, with a complaint, if they are of no use."""
@@ -266,6 +333,7 @@ class ModelStore:
             state = json.loads(read_small(self._state))
             stack = _stack_of(state)
         except FileNotFoundError:
+            self._remember_base()
             return []
         except (
             OSError,
@@ -281,11 +349,15 @@ class ModelStore:
             )
             return []
         if state["base_fingerprint"] != self._base_model.fingerprint:
+            if not stack:
+                self._remember_base()
+                return []
             # Another model_file asks for that model, not for an old refit of another.
             self.complaint = (
                 f"{self._state}: is of another model_file ({state['base']})"
             )
             return []
+        self._base_laws = state.get("base_laws", self._base_laws)
         return stack
 
 
@@ -333,10 +405,12 @@ def _stack_of(state: dict[str, Any]) -> _Stack:
     names = state["in_service"]
     fingerprints = state["fingerprints"]
     accepted = state["accepted"]
+    laws = state.get("laws", [""] * len(names))
     if any(Path(name).name != name for name in names):
         raise ValueError("names are no file names")
     return [
-        _Version(*values) for values in zip(names, fingerprints, accepted, strict=True)
+        _Version(*values)
+        for values in zip(names, fingerprints, accepted, laws, strict=True)
     ]
 
 

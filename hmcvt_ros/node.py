@@ -250,7 +250,7 @@ class EfficiencyNode(Node):
         self._state = StateFolder(folder)
         self._resources.callback(self._state.close)
         model_file = self._settings.model_file or data_path("params/hm4.yaml")
-        self._store = ModelStore(Path(model_file), folder)
+        self._store = ModelStore(Path(model_file), folder, effects_checksum)
         self._activity = Activity()
         self._change_filter = ChangeFilter()
         self._log = self._recorder(folder)
@@ -936,6 +936,7 @@ class EfficiencyNode(Node):
                 self._activity,
                 self._log,
                 self._point(now),
+                self._oil(now),
                 self._outputs.refusal,
                 self._first_settings,
                 self._settings,

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""An empty environment: the core with its three libraries, and the README line by line.
+"""An empty environment: the core with its three libraries, the README line by line, and the node.
 
 Needs an index of packages; `make test-long` runs it.
 """
@@ -8,6 +8,7 @@ import json
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -17,6 +18,7 @@ from cli.running import ROOT
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+NODE_PAGE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
 CORE = {"hmcvt_ros", "numpy", "pyyaml", "scipy"}
 
 
@@ -43,6 +45,9 @@ class Environment:
 
     Args:
         folder: for all three.
+
+    Attributes:
+        sourced: further environment variables of its programs.
     """
 
     def __init__(self, folder):
@@ -56,9 +61,21 @@ class Environment:
         for name in ("data", "params"):
             shutil.copytree(ROOT / name, self.work / name)
         self.bin = folder / "venv" / "bin"
+        self.sourced = {}
         subprocess.run(
             [sys.executable, "-m", "venv", "--without-pip", folder / "venv"], check=True
         )
+
+    @property
+    def variables(self):
+        """Environment variables of its programs; nodes talk to those of this machine alone."""
+        return {
+            "PATH": f"{self.bin}:/usr/bin:/bin",
+            "HOME": str(self.work),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": "98",
+            **self.sourced,
+        }
 
     def pip(self, *arguments):
         """Run pip of this Python on the environment, in the copy of the checkout."""
@@ -72,7 +89,7 @@ class Environment:
         done = subprocess.run(
             command,
             cwd=folder or self.work,
-            env={"PATH": f"{self.bin}:/usr/bin:/bin", "HOME": str(self.work)},
+            env=self.variables,
             capture_output=True,
             text=True,
             timeout=900,
@@ -166,3 +183,74 @@ def test_a_built_distribution_works_in_an_empty_environment(
     )
     assert code == 0, errors
     assert json.loads(out)["parameters"]["leakage"]["value"] > 0.0
+
+
+def refitted_and_diagnosed(made, *node):
+    """Run a node and the first program of its page; return the files of its state folder.
+
+    Args:
+        made: environment of both.
+        node: command of the node.
+    """
+    shutil.copytree(ROOT / "examples", made.work / "examples")
+    (program,) = re.findall(r"```python\n(import rclpy\n.*?)```", NODE_PAGE, re.DOTALL)
+    (made.work / "try_node.py").write_text(program)
+    state = made.work / ".ros" / "hmcvt"
+    log = made.work / "node.log"
+    with log.open("w") as stream:
+        process = subprocess.Popen(
+            node, cwd=made.work, env=made.variables, stdout=stream, stderr=stream
+        )
+    try:
+        code, printed, errors = made.run(made.bin / "python", "try_node.py")
+        assert code == 0, (errors, log.read_text())
+        assert printed.splitlines()[2] == "no_gap"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == 0, log.read_text()
+    finally:
+        process.kill()
+        process.wait()
+    return {str(path.relative_to(state)) for path in state.rglob("*.*")}
+
+
+@pytest.mark.parametrize("extras", ["ros", "ros,report"])
+def test_node_refits_and_diagnoses_after_pip(extras, tmp_path):
+    made = Environment(tmp_path)
+    assert f'pip install ".[{extras}]"' in (ROOT / "docs" / "deploy.md").read_text()
+    made.install(f".[{extras}]")
+    files = refitted_and_diagnosed(made, made.bin / "hmcvt-node")
+    assert {"models/0001.yaml", "reports/0001.json"} <= files
+    assert ("reports/0001.html" in files) == ("report" in extras)
+
+
+def test_node_refits_and_diagnoses_after_colcon(tmp_path):
+    """With rclpy from wheels in place of /opt/ros/jazzy, and nothing of hmcvt from pip."""
+    made = Environment(tmp_path)
+    made.install(".[ros]")
+    for arguments in (
+        ("uninstall", "--yes", "hmcvt_ros"),
+        ("install", "--quiet", "setuptools<80", "colcon-common-extensions"),
+    ):
+        code, _, errors = made.pip(*arguments)
+        assert code == 0, errors
+    code, _, errors = made.run(made.bin / "colcon", "build", folder=made.source)
+    assert code == 0, errors
+    setup = made.source / "install" / "setup.sh"
+    node = (
+        made.source / "install" / "hmcvt_ros" / "lib" / "hmcvt_ros" / "efficiency_node"
+    )
+    # As `source install/setup.bash` in both terminals.
+    code, sourced, errors = made.run(
+        "sh",
+        "-c",
+        f"COLCON_CURRENT_PREFIX={setup.parent} . {setup} && echo $PYTHONPATH",
+    )
+    assert code == 0, errors
+    made.sourced["PYTHONPATH"] = sourced.strip()
+    program = (
+        "import hmcvt_ros, hmcvt_core; print(hmcvt_ros.__file__, hmcvt_core.__file__)"
+    )
+    _, printed, _ = made.run(made.bin / "python", "-c", program)
+    assert printed.count(str(made.source / "install")) == 2, printed
+    files = refitted_and_diagnosed(made, node)
+    assert {"models/0001.yaml", "reports/0001.json"} <= files

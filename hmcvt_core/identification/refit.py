@@ -184,26 +184,17 @@ class _Candidate:
     accepted: EfficiencyModel
 
     @cached_property
-    def _intervals(self) -> list[tuple[float, float]]:
-        """Smallest intervals that hold the samples and the domain in service, by axis."""
-        box = Domain.of(self.samples.select(self.belongs))
-        served = self.served.domain or box
-        intervals = []
-        for axis in AXES:
-            ends = getattr(box, axis) + getattr(served, axis)
-            intervals.append((min(ends), max(ends)))
-        return intervals
-
-    @cached_property
     def domain(self) -> Domain:
         """The smallest box that holds the samples and the domain of the model in service."""
-        return Domain(*self._intervals)
+        box = Domain.of(self.samples.select(self.belongs))
+        return box if self.served.domain is None else box.united(self.served.domain)
 
     @cached_property
     def grid(self) -> OperatingPoints:
         """Operating points over the domain."""
         axes = []
-        for (low, high), number in zip(self._intervals, _GRID, strict=True):
+        for axis, number in zip(AXES, _GRID, strict=True):
+            low, high = getattr(self.domain, axis)
             axes.append(np.linspace(low, high, number))
         mesh = np.meshgrid(*axes, indexing="ij")
         return OperatingPoints(*(axis.ravel() for axis in mesh))

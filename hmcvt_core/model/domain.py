@@ -13,10 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..files import picture, plain
 from ..files.bench import BenchSamples
-from ..transmission.ranges import ENGINE_SPEED, POINT_RANGES, RPM, Array, Range
+from ..transmission.ranges import (
+    ENGINE_SPEED,
+    OIL_TEMPERATURE,
+    POINT_RANGES,
+    RPM,
+    Array,
+    Range,
+)
 
 AXES = tuple(axis.name for axis in POINT_RANGES)
 """Names of the coordinates of an operating point."""
+_RANGES = (*POINT_RANGES, OIL_TEMPERATURE)
+AXES_WITH_OIL = tuple(axis.name for axis in _RANGES)
+"""The same, and the oil temperature."""
 
 _ROUNDING = 1e-9
 
@@ -25,6 +35,12 @@ _ROUNDING = 1e-9
 class Domain:
     """A box around the identification data; each entry is (lowest, highest), SI units.
 
+    Attributes:
+        displacement_ratio: [-].
+        engine_speed: [rad/s].
+        load_torque: [N m].
+        oil_temperature: [deg C]; None where the data do not state it.
+
     Raises:
         InputError: an interval is reversed or not finite.
     """
@@ -32,10 +48,10 @@ class Domain:
     displacement_ratio: tuple[float, float]
     engine_speed: tuple[float, float]
     load_torque: tuple[float, float]
+    oil_temperature: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for axis in AXES:
-            low, high = getattr(self, axis)
+        for axis, (low, high) in self.intervals().items():
             if not (np.isfinite([low, high]).all() and low <= high):
                 raise InputError(
                     f"domain.{axis} = [{low}, {high}]: needs two rising numbers"
@@ -44,17 +60,36 @@ class Domain:
     @classmethod
     def of(cls, samples: BenchSamples) -> Domain:
         """Return the smallest box that holds the samples."""
-        intervals = []
-        for axis in AXES:
+        intervals = {}
+        for axis in AXES_WITH_OIL:
             values = getattr(samples, axis)
-            intervals.append((float(values.min()), float(values.max())))
-        return cls(*intervals)
+            if values is not None:
+                intervals[axis] = (float(values.min()), float(values.max()))
+        return cls(**intervals)
+
+    def united(self, other: Domain) -> Domain:
+        """Return the smallest box that holds this one and another, as far as each is known."""
+        intervals = self.intervals()
+        for axis, ends in other.intervals().items():
+            both = ends + intervals.get(axis, ends)
+            intervals[axis] = (min(both), max(both))
+        return Domain(**intervals)
+
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Return axis -> (lowest, highest); without the oil temperature where it is not known."""
+        intervals = {}
+        for axis in AXES_WITH_OIL:
+            ends = getattr(self, axis)
+            if ends is not None:
+                intervals[axis] = ends
+        return intervals
 
     def contains(
         self,
         displacement_ratio: ArrayLike,
         engine_speed: ArrayLike,
         load_torque: ArrayLike,
+        oil_temperature: ArrayLike | None = None,
     ) -> NDArray[np.bool_]:
         """Return which points lie inside.
 
@@ -62,18 +97,26 @@ class Domain:
             displacement_ratio: [-]; broadcasts with the rest.
             engine_speed: [rad/s].
             load_torque: [N m].
+            oil_temperature: [deg C]; None leaves it out, as does a box that does not know it.
         """
         stroke_inside = self.covers("displacement_ratio", displacement_ratio)
         speed_inside = self.covers("engine_speed", engine_speed)
         load_inside = self.covers("load_torque", load_torque)
-        return stroke_inside & speed_inside & load_inside
+        inside = stroke_inside & speed_inside & load_inside
+        if self.oil_temperature is not None and oil_temperature is not None:
+            inside = inside & self.covers("oil_temperature", oil_temperature)
+        return inside
 
     @cached_property
     def _limits(self) -> tuple[tuple[float, float], ...]:
-        return tuple(self.limits_with_slack(axis) for axis in AXES)
+        return tuple(self.limits_with_slack(axis) for axis in self.intervals())
 
     def contains_point(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
     ) -> bool:
         """Return whether one point lies inside; what `contains` gives, without arrays.
 
@@ -81,13 +124,18 @@ class Domain:
             displacement_ratio: [-].
             engine_speed: [rad/s].
             load_torque: [N m].
+            oil_temperature: [deg C]; None leaves it out, as does a box that does not know it.
         """
-        stroke, speed, load = self._limits
-        return (
+        stroke, speed, load, *oil = self._limits
+        inside = (
             stroke[0] <= displacement_ratio <= stroke[1]
             and speed[0] <= engine_speed <= speed[1]
             and load[0] <= load_torque <= load[1]
         )
+        if oil and oil_temperature is not None:
+            ((low, high),) = oil
+            inside = inside and low <= oil_temperature <= high
+        return inside
 
     def covers(self, axis: str, values: ArrayLike) -> NDArray[np.bool_]:
         """Return which values of one axis lie inside; a rounding error outside counts as inside."""
@@ -102,7 +150,11 @@ class Domain:
         return low - slack, high + slack
 
     def departures(
-        self, displacement_ratio: float, engine_speed: float, load_torque: float
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
     ) -> list[str]:
         """Return a sentence for each axis along which one point lies outside.
 
@@ -110,10 +162,14 @@ class Domain:
             displacement_ratio: [-].
             engine_speed: [rad/s].
             load_torque: [N m].
+            oil_temperature: [deg C]; None leaves it out, as does a box that does not know it.
         """
-        point = (displacement_ratio, engine_speed, load_torque)
+        point = (displacement_ratio, engine_speed, load_torque, oil_temperature)
+        known = self.intervals()
         sentences = []
-        for axis, value in zip(POINT_RANGES, point, strict=True):
+        for axis, value in zip(_RANGES, point, strict=True):
+            if axis.name not in known or value is None:
+                continue
             if not self.covers(axis.name, value):
                 sentences.append(self._departure(axis, value))
         return sentences
@@ -139,8 +195,11 @@ class Domain:
     def report(self) -> str:
         """Return the interval of each axis as text."""
         lines = []
-        for axis in POINT_RANGES:
-            low, high = getattr(self, axis.name)
+        known = self.intervals()
+        for axis in _RANGES:
+            if axis.name not in known:
+                continue
+            low, high = known[axis.name]
             unit = "" if axis.unit == "-" else f" {axis.unit}"
             name = axis.name.replace("_", " ")
             lines.append(f"{name:<18} {low:.4g} to {high:.4g}{unit}")
@@ -148,7 +207,7 @@ class Domain:
 
     def to_mapping(self) -> dict[str, list[float]]:
         """Return axis -> [low, high]."""
-        return {axis: list(getattr(self, axis)) for axis in AXES}
+        return {axis: list(ends) for axis, ends in self.intervals().items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from ..physics.balance import BalanceSolver
 from ..physics.effects import effect_to_mapping
 from ..physics.effects.base import Effect
 from ..physics.effects.empirical import EmpiricalLoss
+from ..physics.effects.hydraulic import REFERENCE_TEMPERATURE
 from ..physics.formulation import FORMULATIONS as _FORMULATIONS
 from ..physics.formulation import Formulation, Solver, formulation_named
 from ..physics.single_point import PointSolver
@@ -476,7 +477,8 @@ class EfficiencyModel:
                 changed: Any = model.efficiency(*point, oil_temperature, stage)
                 changes.append((changed - efficiency) * steps)
             rows = self._correlation_rows
-            return self._predicted_point(efficiency, changes, rows, point, stage)
+            oil = self._oil_answered(oil_temperature)
+            return self._predicted_point(efficiency, changes, rows, point, oil, stage)
         efficiency, slopes = self.sensitivity(*point, oil_temperature, stage)
         correlation = np.zeros((0, 0)) if self.correlation is None else self.correlation
         # NumPy multiplies no masked matrices.
@@ -489,7 +491,8 @@ class EfficiencyModel:
         error = np.where(depends, np.sqrt(variance), np.nan)
         inside = np.zeros(error.shape, dtype=bool)
         if self.domain is not None:
-            inside = inside | self.domain.contains(*point)
+            oil = self._oil_answered(oil_temperature)
+            inside = inside | self.domain.contains(*point, oil)
         if isinstance(efficiency, np.ma.MaskedArray):
             mask = np.ma.getmaskarray(efficiency)
             return Prediction(
@@ -524,6 +527,7 @@ class EfficiencyModel:
         slopes: Sequence[float],
         correlation: Sequence[Sequence[float]],
         point: Sequence[Any],
+        oil_temperature: Any,
         stage: Any,
     ) -> Prediction:
         """Return what `predict` returns, for one point."""
@@ -540,8 +544,44 @@ class EfficiencyModel:
             error = math.sqrt(variance + self.misfit**2 + remainder)
         inside = False
         if self.domain is not None:
-            inside = self.domain.contains_point(*map(float, point))
+            stroke, speed, load = map(float, point)
+            oil = None if oil_temperature is None else float(oil_temperature)
+            inside = self.domain.contains_point(stroke, speed, load, oil)
         return Prediction(efficiency, error, inside)
+
+    def _oil_answered(self, oil_temperature: Any) -> Any:
+        """Return the oil temperature that an answer is for [deg C]; None if no effect reads it."""
+        if not self._depends_on_oil:
+            return None
+        return REFERENCE_TEMPERATURE if oil_temperature is None else oil_temperature
+
+    @cached_property
+    def _depends_on_oil(self) -> bool:
+        return any(effect.depends_on_oil() for effect in self.effects)
+
+    def departures(
+        self,
+        displacement_ratio: float,
+        engine_speed: float,
+        load_torque: float,
+        oil_temperature: float | None = None,
+    ) -> list[str]:
+        """Return a sentence for each quantity of a point outside the identification data.
+
+        Empty where the model does not state the range of its data.
+
+        Args:
+            displacement_ratio: [-].
+            engine_speed: [rad/s].
+            load_torque: [N m].
+            oil_temperature: [deg C]; where an effect reads it, 60 deg C when left out.
+        """
+        if self.domain is None:
+            return []
+        oil = self._oil_answered(oil_temperature)
+        return self.domain.departures(
+            displacement_ratio, engine_speed, load_torque, oil
+        )
 
     def interval(
         self,
@@ -827,12 +867,17 @@ class EfficiencyModel:
                 )
         grid = np.meshgrid(*axes, indexing="ij", sparse=True)
         model = self.without_meters().in_stage(stage or self.stage.name)
+        inside = None
+        if self.domain is not None:
+            ratios, speeds, torques = grid
+            oil = self._oil_answered(None)
+            inside = self.domain.contains(ratios, speeds, torques, oil)
         return EfficiencyMap(
             axes[0],
             axes[1],
             axes[2],
             np.asarray(model.efficiency(*grid)),
-            None if self.domain is None else self.domain.contains(*grid),
+            inside,
         )
 
     # --- the same for points already checked ----------------------------------------------------

@@ -5,14 +5,8 @@ from collections.abc import Iterable, Sequence
 
 from ..files.bench import BenchSamples
 from ..physics.effects import Effect
-from ..physics.effects.base import OIL_HOOKS
 from ..physics.effects.hydraulic import REFERENCE_TEMPERATURE
 from .model import EfficiencyModel
-
-
-def depends_on_oil(effect: Effect) -> bool:
-    """Whether an effect reads the oil temperature."""
-    return effect.acts_at(*OIL_HOOKS) or effect.needs_oil_temperature
 
 
 def without_oil_temperature(effects: Iterable[Effect]) -> list[str]:
@@ -23,7 +17,7 @@ def without_oil_temperature(effects: Iterable[Effect]) -> list[str]:
     assumed = []
     off = []
     for effect in effects:
-        if not depends_on_oil(effect):
+        if not effect.depends_on_oil():
             continue
         if effect.needs_oil_temperature and not effect.assumes_oil_temperature:
             off.append(effect.name)

@@ -25,7 +25,7 @@ from ..transmission.parameters import (
 from ..transmission.ranges import Array
 from ..transmission.stage import Stage, stages_from_mapping
 from .checks import require_model
-from .domain import AXES, Domain
+from .domain import AXES, AXES_WITH_OIL, Domain
 from .intervals import MIN_DEGREES
 from .measured_unit import measured_units
 from .model import SCHEMA, EfficiencyModel
@@ -76,7 +76,7 @@ _KNOWN: Mapping[str, Mapping[str, Any]] = {
         "parameters": dict.fromkeys(PARAMETER_NAMES, _QUANTITY),
         "interval_90": dict.fromkeys(PARAMETER_NAMES),
         "effects": dict.fromkeys(("effect", "form", "part", "stage", "parameters")),
-        "domain": dict.fromkeys(AXES),
+        "domain": dict.fromkeys(AXES_WITH_OIL),
         "transmission": _GEAR_TRAIN,
     },
 }
@@ -239,7 +239,11 @@ def _checksum(data: Mapping[str, Any]) -> str:
 
 
 def _domain(entry: Section) -> Domain:
-    return Domain(*(_pair(entry, axis) for axis in AXES))
+    oil = None
+    if "oil_temperature" in entry.data:
+        oil = _pair(entry, "oil_temperature")
+    stroke, speed, load = (_pair(entry, axis) for axis in AXES)
+    return Domain(stroke, speed, load, oil)
 
 
 def _intervals(

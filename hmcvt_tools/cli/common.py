@@ -438,7 +438,7 @@ def domain_lines(
     """
     if model.domain is None:
         return None, ["the model does not say what range of data it comes from"]
-    departures = model.domain.departures(*point[:3])
+    departures = model.departures(*point[:4])
     if not departures:
         return True, []
     lines = [

@@ -12,6 +12,7 @@ import numpy as np
 
 from hmcvt_core.errors import InputError
 from hmcvt_core.model import optimum
+from hmcvt_core.model.domain import AXES
 from hmcvt_core.model.intervals import half_width
 from hmcvt_core.model.model import EfficiencyModel
 from hmcvt_core.physics.steady_state import MOTOR_REST_BOUND, ROUNDING
@@ -267,7 +268,7 @@ def _domain_table(model: EfficiencyModel) -> str:
     domain = model.domain
     assert domain is not None
     rows = []
-    for axis in domain.to_mapping():
+    for axis in AXES:
         rows.append("    " + c_text.numbers(domain.limits_with_slack(axis)))
     return (
         "/* Data of the identification: displacement ratio, engine speed, load torque. */\n"

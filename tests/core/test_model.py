@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 from hmcvt_core.transmission.ranges import OperatingPoints
 
@@ -167,6 +168,28 @@ def test_prediction_says_whether_the_data_cover_the_point(model):
     assert math.isnan(bare.standard_error) and bare.inside_domain is False
 
 
+def test_data_cover_a_range_of_oil_temperatures_where_an_effect_reads_it(model):
+    domain = replace(model.domain, oil_temperature=(70.0, 90.0))
+    oily = replace(model, effects=(OilTemperature(1.0),), domain=domain)
+    point = (0.5, 100.0, 200.0)
+    for temperature, inside in ((70.0, True), (80, True), (35.0, False), (95.0, False)):
+        assert oily.predict(*point, temperature).inside_domain is inside
+        assert bool(oily.departures(*point, temperature)) is not inside
+    found = oily.predict(*point, [80.0, 35.0]).inside_domain
+    np.testing.assert_array_equal(found, [True, False])
+    # Without an oil temperature the answer is for 60 deg C.
+    assert oily.predict(*point).inside_domain is False
+    assert oily.departures(*point) == [
+        "oil_temperature 60 deg C is not in 70 to 90 deg C"
+    ]
+    assert not oily.efficiency_map([0.5], [100.0], [200.0]).inside_domain.any()
+    # A model that does not read it, and one that does not know its range.
+    for unaffected in (replace(oily, effects=()), replace(oily, domain=model.domain)):
+        assert unaffected.predict(*point, 20.0).inside_domain is True
+        assert unaffected.predict(*point, [20.0]).inside_domain.all()
+        assert unaffected.departures(*point, 20.0) == []
+
+
 def test_fingerprint_follows_the_physics(model, hm4):
     bare = hmcvt.EfficiencyModel(model.stage, model.parameters)
     assert bare.fingerprint == model.fingerprint
@@ -237,3 +260,5 @@ def test_a_domain_reports_its_axes():
         "engine speed       80 to 230 rad/s",
         "load torque        10 to 20 N m",
     ]
+    oil = replace(domain, oil_temperature=(40.0, 90.0))
+    assert oil.report().splitlines()[3:] == ["oil temperature    40 to 90 deg C"]

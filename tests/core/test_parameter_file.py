@@ -41,6 +41,7 @@ def test_round_trip(model, saved):
     assert again.provenance == model.provenance
     assert again.formulation == model.formulation
     assert again.fingerprint == model.fingerprint
+    assert again.domain.oil_temperature is None
     np.testing.assert_allclose(
         again.correlation, model.correlation, atol=1e-6
     )  # six digits
@@ -242,6 +243,10 @@ def put(*path):
         (
             put("domain", "engine_speed", [2.0]),
             r"domain\.engine_speed = \[2\.0\] is not \[low, high\]",
+        ),
+        (
+            put("domain", "oil_temperature", [90.0, 40.0]),
+            r"domain\.oil_temperature = \[90\.0, 40\.0\]: needs two rising numbers",
         ),
         (put("effects", "none"), r"effects = 'none' is not a list"),
         (

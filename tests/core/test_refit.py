@@ -101,6 +101,19 @@ def test_a_campaign_without_a_majority_is_refused(known):
     )
 
 
+def test_range_of_the_oil_is_that_of_samples_and_model(new, tmp_path):
+    samples = campaign(new, 12, 0)
+    assert refit(samples, new, new).model.domain.oil_temperature is None
+    warm = replace(samples, oil_temperature=np.linspace(50.0, 70.0, 12))
+    found = refit(warm, new, new).model
+    assert found.domain.oil_temperature == (50.0, 70.0)
+    hot = replace(samples, oil_temperature=np.full(12, 85.0))
+    for again, ends in ((samples, (50.0, 70.0)), (hot, (50.0, 85.0))):
+        assert refit(again, found, new).model.domain.oil_temperature == ends
+    hmcvt.save_model(found, tmp_path / "warm.yaml")
+    assert hmcvt.load_model(tmp_path / "warm.yaml").domain == found.domain
+
+
 @pytest.mark.parametrize("name", ["new", "known"])
 @pytest.mark.parametrize("seed", range(3))
 def test_honest_samples_at_one_stroke_change_nothing_elsewhere(request, name, seed):

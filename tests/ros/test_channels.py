@@ -22,8 +22,11 @@ from hmcvt_tools.cli import main
 
 pytestmark = pytest.mark.slow
 
+HM4 = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml"))
 MODEL = replace(
-    hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")), effects=(OilTemperature(1.0),)
+    HM4,
+    effects=(OilTemperature(1.0),),
+    domain=replace(HM4.domain, oil_temperature=(35.0, 85.0)),
 )
 
 
@@ -108,6 +111,19 @@ def test_answers_follow_the_oil_and_state_when_it_is_unknown(oil_node, ask, tabl
     refused = ask(table2, 0, oil_temperature=340.0)
     assert all(map(math.isnan, refused.values()))
     assert oil_node.says("oil_temperature = 340 is outside -40 to 150 deg C (is it in")
+
+
+def test_oil_beyond_the_data_of_the_model_is_extrapolation(oil_node, ask, table2):
+    for temperature, extrapolated in ((85.0, 0.0), (20.0, 1.0), (100.0, 1.0)):
+        answer = ask(table2, 0, oil_temperature=temperature)
+        assert answer["extrapolated"] == extrapolated, temperature
+        assert math.isfinite(answer["efficiency"])
+    # The last point has stated the temperature for the plain inputs too.
+    words = "extrapolation: oil_temperature 100 deg C is not in 35 to 85 deg C"
+    assert oil_node.reports(DiagnosticStatus.WARN, words, send=GOOD)
+    assert oil_node.value("extrapolation").startswith("oil_temperature 100 deg C")
+    assert ask(table2, 0, oil_temperature=60.0)["extrapolated"] == 0.0
+    assert oil_node.comes(lambda: oil_node.value("extrapolation") == "no")
 
 
 def test_oil_temperature_comes_by_a_topic_too(oil_node, ask, table2):

@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from ros_bench import GOOD, command, message, send_table
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 import hmcvt_core as hmcvt
 from hmcvt_ros import qos
@@ -35,6 +35,7 @@ from hmcvt_ros.node import EfficiencyNode
 pytestmark = pytest.mark.slow
 
 SUBSCRIBER = Path(__file__).with_name("subscriber.py")
+VANISHING = Path(__file__).with_name("vanishing_clients.py")
 ESCAPES = "x\n[INFO] forged\x1b[31m\r\u202e"
 
 
@@ -430,6 +431,103 @@ def test_reliable_subscribers_that_are_stopped(node, relay):
 
 
 # --- progress, stated noise, another executor -----------------------------------------------------
+
+
+DEEP = QoSProfile(depth=10_000)
+"""Of a listener that must not lose what it is sent while this process waits for a core."""
+FRESH_ROUNDS = 25
+"""Rounds in which an input stays fresh, half a second: a silence that a control stack bears."""
+
+
+class Listener:
+    """Sends rounds of inputs and hears the answers.
+
+    Attributes:
+        sent: inputs sent.
+        answers: answers heard.
+        longest_silence: most rounds between two answers.
+    """
+
+    def __init__(self, player):
+        self._player = player
+        self._begin()
+        self._topic = player.create_subscription(
+            Float64, "efficiency", lambda message: self._heard(), DEEP
+        )
+        assert player.wait_until(
+            lambda: player.count_subscribers("efficiency") == 2, 20.0
+        )
+        assert player.hold(GOOD).efficiency is not None
+        self._begin()
+
+    def _begin(self):
+        self.sent = 0
+        self.answers = 0
+        self.longest_silence = 0
+        self._silence = 0
+
+    def _heard(self):
+        self.answers += 1
+        self._silence = 0
+
+    def round(self):
+        """Send the three inputs and take what has come meanwhile."""
+        self._player.send_inputs(GOOD)
+        self.sent += 3
+        self._silence += 1
+        self._player.spin_for(0.01)
+        self.longest_silence = max(self.longest_silence, self._silence)
+
+    def close(self):
+        """Take what is under way, and end."""
+        self._player.spin_for(1.0)
+        self._player.destroy_subscription(self._topic)
+
+
+def counts_of_inputs(node):
+    """Inputs accepted and lost, and points answered, in diagnostics that come from now on."""
+    node.forget_status()
+    assert node.comes(lambda: "inputs" in node.player.statuses)
+    values = node.status("inputs")["values"]
+    counts = {"answered": int(values["points answered"])}
+    for word in ("accepted", "lost"):
+        counts[word] = sum(int(values[f"{name} {word}"]) for name in GOOD._fields)
+    return counts
+
+
+def test_clients_that_call_and_vanish_lose_no_answer(node, relay, environment):
+    """Six times a hundred of them, beside one that listens to the node and to a relay.
+
+    The middleware waits for clients that are gone, now in the one process and now in the other.
+    """
+    names = [f"{node.namespace}/hmcvt", "/flooded_relay/relay"]
+    for _ in range(3):  # the machine may do something else meanwhile
+        of_relay, of_node = Listener(relay), Listener(node.player)
+        before = counts_of_inputs(node)
+        for _ in range(6):
+            process = subprocess.Popen(
+                [sys.executable, str(VANISHING), *names], env=dict(environment)
+            )
+            while process.poll() is None:
+                of_relay.round()
+                of_node.round()
+            assert process.returncode == 0
+        for _ in range(2 * FRESH_ROUNDS):
+            of_relay.round()
+            of_node.round()
+        of_relay.close()
+        of_node.close()
+        after = counts_of_inputs(node)
+        more = {key: after[key] - before[key] for key in after}
+        shares = [of.answers / of.sent for of in (of_relay, of_node)]
+        silences = [of.longest_silence for of in (of_relay, of_node)]
+        print(f"relay, node: {shares}, silent for rounds: {silences}")
+        # Each input was taken or counted as lost, and each answer was heard.
+        assert more["accepted"] + more["lost"] == of_node.sent, more
+        assert more["answered"] == of_node.answers, more
+        if shares[1] >= 0.9 * shares[0] and silences[1] <= silences[0] + FRESH_ROUNDS:
+            return
+    raise AssertionError((shares, silences))
 
 
 def test_progress_of_jobs_is_published(node, base):

@@ -119,6 +119,18 @@ def test_state_without_its_checksum_is_not_taken_up_silently(
     assert "its checksum is missing or does not match" in again.complaint
 
 
+def test_state_that_states_no_laws_of_effects_is_taken_up(paper_file, tmp_path):
+    first = refit(ModelStore(paper_file, tmp_path), 1e-12)
+    path = tmp_path / "in_service.json"
+    state = json.loads(path.read_text())
+    for key in ("laws", "base_laws", "checksum"):
+        del state[key]
+    state["checksum"] = model_store._checksum(state)
+    path.write_text(json.dumps(state))
+    again = ModelStore(paper_file, tmp_path, "0f")
+    assert (again.in_service.model.fingerprint, again.complaint) == (first, "")
+
+
 def test_model_that_cannot_be_gone_back_to_is_passed_over_and_told(
     paper_file, tmp_path
 ):
@@ -168,6 +180,19 @@ def test_equal_refit_is_no_new_version(paper_file, base, tmp_path):
         assert refit(store, 1e-12) == first
     assert [path.name for path in (tmp_path / "models").iterdir()] == ["0001.yaml"]
     assert store.revert().fingerprint == base.fingerprint
+
+
+def test_equal_refit_that_covers_more_is_a_new_version(paper_file, tmp_path):
+    store = ModelStore(paper_file, tmp_path)
+    refit(store, 1e-12)
+    model = store.in_service.model
+    wide = hmcvt.Domain((-1.0, 1.0), (80.0, 230.0), (10.0, 400.0))
+    for domain in (wide, replace(wide, oil_temperature=(50.0, 70.0))):
+        path = store.new_path()
+        hmcvt.save_model(replace(model, domain=domain), path)
+        assert store.adopt(path).fingerprint == model.fingerprint
+        assert store.in_service.path == path
+        assert store.in_service.model.domain == domain
 
 
 def test_what_a_person_accepted_last_is_remembered(tmp_path):

@@ -389,9 +389,22 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "own_effect.py"
 TIPPED = GOOD._replace(engine_speed=200.0)  # where its block tips
 
 
-def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, table2):
-    path = tmp_path / "tipping.yaml"
-    effect = tmp_path / "own_effect.py"
+def test_client_states_why_there_is_no_answer(node, connect, capfd):
+    """The logger of ROS writes to the stream of the process."""
+    node.player.hold(GOOD._replace(displacement_ratio=5.0), patience=2.5)
+    assert (
+        "no answer: inputs: displacement_ratio = 5 is outside" in capfd.readouterr().err
+    )
+    node.player.hold(STALLED, patience=2.5)
+    assert "; model: the load" in capfd.readouterr().err
+    connect("/nowhere").hold(GOOD, patience=0.0)
+    assert "no answer: no diagnostics come from the node" in capfd.readouterr().err
+
+
+def with_own_effect(folder):
+    """Write a parameter file with an effect of the user; return it and the file of the effect."""
+    path = folder / "tipping.yaml"
+    effect = folder / "own_effect.py"
     shutil.copy(EXAMPLE, effect)
     data = hmcvt.load_model(hmcvt.data_path("params/hm4.yaml")).to_mapping()
     data["effects"] = [
@@ -404,6 +417,11 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
         }
     ]
     path.write_text(yaml.safe_dump(data))
+    return path, effect
+
+
+def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, table2):
+    path, effect = with_own_effect(tmp_path)
     node = start_node(path, effects_file=effect)
     answer = node.player.hold(TIPPED).efficiency
     told = subprocess.run(  # in a process of its own: a class stays in the library for good
@@ -441,3 +459,62 @@ def test_an_effect_of_ones_own_is_served_and_refitted(start_node, tmp_path, tabl
     effect.write_text(f"{effect.read_text()}# edited\n")
     done, found = node.player.call("reidentify")
     assert not done and "own_effect.py was changed after the start" in found["error"]
+
+
+def test_laws_edited_between_two_starts_are_told_until_a_refit(
+    start_node, tmp_path, table2
+):
+    path, effect = with_own_effect(tmp_path)
+    laws = effect.read_text()
+    served = {"model_file": path, "state": tmp_path / "state", "effects_file": effect}
+
+    def restarted(text, before=None):
+        if before is not None:
+            assert before.stop() == 0
+        effect.write_text(text)
+        return start_node(**served)
+
+    def told(node, name):
+        words = f"effects_file was changed since {name} was put into service"
+        return node.says("effects_file was changed since") and node.reports(
+            DiagnosticStatus.WARN, words
+        )
+
+    def intact(node):
+        return node.comes(lambda: node.value("state folder") == "intact")
+
+    node = restarted(laws)
+    assert intact(node)
+    edited = laws.replace("state.pressure", "2.0 * state.pressure")
+    assert edited != laws
+    node = restarted(edited, node)
+    assert told(node, "tipping.yaml")
+    node = restarted(laws, node)
+    assert intact(node)
+    # A refit by the edited laws is the other way out.
+    node = restarted(edited, node)
+    assert told(node, "tipping.yaml")
+    send_table(node, table2)
+    done, found = node.player.call("reidentify")
+    assert done, found
+    if found["staged"]:
+        assert told(node, "tipping.yaml")
+        assert node.player.call("adopt").success
+    assert intact(node)
+    node = restarted(edited, node)
+    assert intact(node)
+    node = restarted(laws, node)
+    assert told(node, "models/0001.yaml")
+    # The parameter file before was first served by these laws.
+    assert node.player.call("revert").success
+    assert intact(node)
+
+
+def test_laws_that_no_model_follows_may_be_edited(start_node, tmp_path):
+    _, effect = with_own_effect(tmp_path)
+    state = tmp_path / "state"
+    node = start_node("''", state=state, effects_file=effect)
+    assert node.stop() == 0
+    effect.write_text(f"{effect.read_text()}# edited\n")
+    node = start_node("''", state=state, effects_file=effect)
+    assert node.comes(lambda: node.value("state folder") == "intact")

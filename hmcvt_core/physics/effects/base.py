@@ -323,6 +323,11 @@ class Effect(Parametrised):
                 state = state._replace(pump_speed=still, displacement_ratio=still + 1.0)
         return getattr(self, hook)(state)
 
+    @classmethod
+    def depends_on_oil(cls) -> bool:
+        """Whether the effect reads the oil temperature."""
+        return cls.acts_at(*OIL_HOOKS) or cls.needs_oil_temperature
+
     # Hooks, in the order in which the power balance meets them; those of a whole state together.
 
     def true_displacement_ratio(self, displacement_ratio: Array) -> Array:
