@@ -21,6 +21,7 @@ from hmcvt_core.physics.effects.hydraulic import (
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 from hmcvt_tools.report.answer import VERDICTS
+from studies.consistency import RULES, contradictions
 
 from .campaigns import (
     BAND,
@@ -599,3 +600,26 @@ def test_the_simulated_bench_gives_these_numbers():
         first.mean_residual,
         first.samples,
     ] == pytest.approx([80.804, 201.318, -0.01094, 19], rel=1e-3)
+
+
+@every_case
+def test_no_report_contradicts_itself(name):
+    """`python -m studies.consistency` reads two hundred."""
+    assert contradictions(diagnosed(name)) == []
+
+
+def test_the_rules_see_what_they_are_for():
+    found = diagnosed("charge pump")
+    broken = replace(
+        found,
+        verdict="no_gap",
+        agreement=replace(found.agreement, holds=False),
+        where=(replace(found.where[0], p_value=1.0),) if found.where else (),
+        delivered=replace(found.delivered, rmse_after=1.0),
+    )
+    rules = contradictions(broken)
+    assert "the saved model is worse" in rules
+    assert "no gap above the stated noise" in rules
+    assert len(rules) < len(RULES)
+    empty = replace(found, causes=())
+    assert contradictions(empty) == ["a cause is found, and none is named"]

@@ -33,6 +33,8 @@ from hmcvt_tools.report.gap_map import (
     estimate,
     held_values,
     largest_gap_map,
+    lead_map,
+    page_maps,
     views,
 )
 from hmcvt_tools.report.residuals import stage_rows
@@ -646,7 +648,8 @@ def test_recorded_temperature_is_an_axis_of_maps() -> None:
     gap = estimate(found, views(found)[3])
     assert gap is not None
     assert np.ptp(gap.mean, axis=0).max() > 0.5  # points, by the oil
-    shown_page = " ".join(html(found).replace("\N{NO-BREAK SPACE}", " ").split())
+    drawings, _ = page_maps(found)
+    shown_page = " ".join(drawings).replace("\N{NO-BREAK SPACE}", " ")
     assert "oil temperature [°C]" in shown_page
     oil = np.median(found.samples.oil_temperature)
     assert f"N·m, oil temperature {oil:.0f} °C; triangles" in shown_page
@@ -743,14 +746,8 @@ def test_answer_takes_its_map_where_the_gap_is_largest() -> None:
     entry = largest_gap_map(found)
     assert entry.stage == list(found.base.stages)[int(points["stage"][row])]
     assert entry.held == {name: points[name][row] for name in entry.held}
-    shown = figure_of(page_of_stages(), "lead-map")
+    shown = lead_map(found)
     assert f"stage {entry.stage}, at " in shown.replace("\N{NO-BREAK SPACE}", " ")
-
-
-def figure_of(shown: str, identity: str) -> str:
-    found = re.search(rf'<svg [^>]*id="{identity}".*?</svg>', shown, re.DOTALL)
-    assert found is not None
-    return found[0]
 
 
 @pytest.mark.long
