@@ -48,10 +48,10 @@ def test_a_statement_for_every_sample_is_a_statement():
 @pytest.mark.parametrize(
     ("quantity", "course", "time_scale", "seed"),
     [
-        ("oil temperature", "random", "tests", 22),
+        pytest.param("oil temperature", "random", "tests", 22, marks=pytest.mark.long),
         # A charge pressure by session is the zero of a torque meter.
         ("oil temperature", "session", "sessions", 23),
-        ("air in the oil", "warming", "hours", 22),
+        pytest.param("air in the oil", "warming", "hours", 22, marks=pytest.mark.long),
     ],
 )
 def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, seed):
