@@ -9,6 +9,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from html import unescape
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -827,3 +828,12 @@ def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:
     assert len(re.findall(rb"/Type /Page\b", content)) == 1
     with pytest.raises(hmcvt.InputError, match=r"report\.txt: a report ends in"):
         write_report(diagnosis("ambiguous"), tmp_path / "report.txt")
+
+
+def test_every_report_has_the_same_next_step() -> None:
+    found = diagnosis("ambiguous")
+    steps = words.next_step(found)
+    said = " ".join(found.report().split())
+    assert f"next step {' '.join(steps)}" in said
+    texts = unescape(" ".join(page("ambiguous").split()))
+    assert all(step[1:] in texts for step in steps)
