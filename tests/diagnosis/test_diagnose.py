@@ -520,7 +520,7 @@ def test_load_refused_by_an_improbable_cause(table2):
     assert none.stop and none.measure == "none of the tests can be carried"
 
 
-@pytest.mark.parametrize("n", [12, 24])
+@pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.long)])
 def test_few_samples_stay_ambiguous(n):
     """Once 16 samples each were asked for, and a pair from fewer was one of its causes at 100 %."""
     both = (DisplacementDeadBand(0.04), Churning(10.0, 2.0))
