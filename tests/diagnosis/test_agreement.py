@@ -143,6 +143,7 @@ def test_a_loss_in_one_stage_is_no_agreement():
     assert found.verdict != "no_gap"
 
 
+@pytest.mark.long
 def test_a_resonance_in_a_narrow_band_of_speed_is_no_scatter():
     """A few tests are off, and they lie side by side along one axis alone."""
     bench, _ = draw(BenchCase("unlisted", 99840117, Bench()))

@@ -14,6 +14,8 @@ from hmcvt_core.physics.effects.mechanical import ChargePump
 
 from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
 
+pytestmark = pytest.mark.slow
+
 
 def _with_a_pump(stated, noise=NOISE):
     samples = campaign((ChargePump(20.0),), seed=4, noise=noise)
