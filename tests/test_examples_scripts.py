@@ -148,6 +148,7 @@ def test_own_system_finds_the_hidden_effect(tmp_path):
     assert re.search(r"^sets +bearing drag (> )?\d+ %", out, re.MULTILINE)
 
 
+@pytest.mark.long
 def test_bag_to_diagnosis(tmp_path):
     pytest.importorskip("rosbags")
     out = printed("bag_to_diagnosis.py", tmp_path)

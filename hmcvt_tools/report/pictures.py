@@ -171,8 +171,9 @@ def _draw_samples(
         return [_draw_group(axes, fit.model, samples, name, markers[0], colour)]
     drawn = []
     for number, stage in enumerate(fit.model.stages):
-        group = samples.select(np.asarray(names) == stage)
-        if len(group):
+        of_stage = np.asarray(names) == stage
+        if of_stage.any():
+            group = samples.select(of_stage)
             marker = markers[number % len(markers)]
             label = f"{name}, {stage}"
             drawn.append(_draw_group(axes, fit.model, group, label, marker, colour))

@@ -11,7 +11,6 @@ from hmcvt_ros.bag import import_bag
 
 from .simulated import bench_records, write_bag
 
-TRIALS = 40
 KINDS = [
     (storage, compression)
     for storage in ("mcap", "sqlite3")
@@ -58,13 +57,14 @@ def rename(rng, file):
 DAMAGES = (cut_off, flip_bits, erase_a_stretch, empty, replace, remove, rename)
 
 
+@pytest.mark.parametrize("trials", [15, pytest.param(40, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("storage", "compression"), KINDS)
-def test_random_damage_changes_no_value(tmp_path, quiet, storage, compression):
+def test_random_damage_changes_no_value(tmp_path, quiet, storage, compression, trials):
     whole = write_bag(
         tmp_path / "whole", bench_records(quiet), storage, compression=compression
     )
     rng = random.Random(f"{storage} {compression}")
-    for number in range(TRIALS):
+    for number in range(trials):
         bag = shutil.copytree(whole, tmp_path / f"bag{number}")
         file = rng.choice(sorted(bag.iterdir()))
         damage = rng.choice(DAMAGES)

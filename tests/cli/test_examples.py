@@ -54,20 +54,26 @@ RUN_BY_TEST_LONG = (
     "unit",
     "diagnose stages.csv",
     "diagnose bench.csv --baseline",
+    "diagnose bench.csv --holdout",
     "diagnose bench.csv --noise",
     "diagnose bench.csv --params",
+    "diagnose data/simulated.csv --noise",
+    "diagnose data/simulated.csv --report",
     "diagnose data/simulated.csv --save-model",
     "fleet",
+    "next stages.csv",
 )
 """Beginnings of command lines that `make test` only parses: other tests run what they run."""
 REPEATED = (
     "diagnose data/simulated.csv --json > before.json",
     "diagnose data/simulated.csv --picture gap.png",
-    "diagnose data/simulated.csv --report report.html",
     "diagnose data/table2.csv",
+    "diagnose data/table2.csv --noise 0.0085",
     "estimate season --params params/tractor.yaml --processes 2",
     "mission ploughing --bound",
+    "mission transport --strategy engine_line --compare --report mission.html",
     "next bench.csv --noise 0.004",
+    "next data/simulated.csv",
 )
 """Whole lines of the same kind: another line has these options and more."""
 LONG_PAGES = ("api-diagnosis.md", "gallery.md")

@@ -11,6 +11,7 @@ from .running import ROOT
 
 def test_sheet_of_a_table_with_oil_temperature_is_written(hmcvt, tmp_path):
     lines = (ROOT / "data" / "simulated.csv").read_text(encoding="utf-8").splitlines()
+    lines = lines[:33]
     oil = np.random.default_rng(1).uniform(45.0, 85.0, len(lines) - 1)
     rows = [f"{row},{value:.1f}" for row, value in zip(lines[1:], oil, strict=True)]
     bench = tmp_path / "oil.csv"

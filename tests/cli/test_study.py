@@ -59,7 +59,7 @@ def write_table(path, rows):
 
 
 @pytest.fixture(scope="module")
-def year(tmp_path_factory):
+def year(tmp_path_factory, coarse_maps):
     """Return the folder of a study with a baseline of the same days, and what the command said.
 
     A row of the table is broken, and the tables of the effects do not keep the bound.

@@ -13,11 +13,17 @@ from studies.watch import NOISE, OPENS, SIZES, stream, watched, well_known
 MODEL = well_known()
 
 
-def test_false_alarms_are_at_most_those_stated():
-    """200 units that differ from their model as it says; also where noise is understated."""
-    streams = [stream(MODEL, seed, samples=120) for seed in range(200)]
-    assert sum(watched(MODEL, samples).open for samples in streams) <= 2
-    noisy = [stream(MODEL, seed, noise=1.25 * NOISE, samples=120) for seed in range(40)]
+@pytest.mark.parametrize(
+    ("units", "alarms"), [(60, 1), pytest.param(200, 2, marks=pytest.mark.long)]
+)
+def test_false_alarms_are_at_most_those_stated(units, alarms):
+    """Units that differ from their model as it says; also where noise is understated."""
+    streams = [stream(MODEL, seed, samples=120) for seed in range(units)]
+    assert sum(watched(MODEL, samples).open for samples in streams) <= alarms
+    noisy = [
+        stream(MODEL, seed, noise=1.25 * NOISE, samples=120)
+        for seed in range(units // 5)
+    ]
     assert sum(watched(MODEL, samples).open for samples in noisy) <= 1
 
 

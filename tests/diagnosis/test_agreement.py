@@ -48,10 +48,10 @@ def test_a_statement_for_every_sample_is_a_statement():
 @pytest.mark.parametrize(
     ("quantity", "course", "time_scale", "seed"),
     [
-        ("oil temperature", "random", "tests", 22),
+        pytest.param("oil temperature", "random", "tests", 22, marks=pytest.mark.long),
         # A charge pressure by session is the zero of a torque meter.
         ("oil temperature", "session", "sessions", 23),
-        ("air in the oil", "warming", "hours", 22),
+        pytest.param("air in the oil", "warming", "hours", 22, marks=pytest.mark.long),
     ],
 )
 def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, seed):
@@ -143,6 +143,7 @@ def test_a_loss_in_one_stage_is_no_agreement():
     assert found.verdict != "no_gap"
 
 
+@pytest.mark.long
 def test_a_resonance_in_a_narrow_band_of_speed_is_no_scatter():
     """A few tests are off, and they lie side by side along one axis alone."""
     bench, _ = draw(BenchCase("unlisted", 99840117, Bench()))

@@ -1,34 +1,28 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Forms that miss: as another effect, or beyond their sources; readings rare without a gap."""
+"""Forms that miss: as another effect, or beyond their sources."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission
-from hmcvt_core.diagnosis.analysis import Analysis
 from hmcvt_core.diagnosis.detection.regions import candidate_regions
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit
-from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
 from hmcvt_core.diagnosis.selection.explanation import (
     explain,
     smooth_discrepancies,
     with_form_errors,
 )
 from hmcvt_core.diagnosis.selection.posterior import compute_posterior
-from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
-from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.hydraulic import PressureLeakage, StrokeLeakage
 from hmcvt_core.physics.effects.mechanical import Churning
 from studies.blind.bench.judge import Case, draw, served
 from studies.blind.bench.library import without_effects
 from studies.blind.bench.properties import Bench
 
-from .campaigns import BASE, CASES, campaign, diagnosed, fitted
+from .campaigns import BASE, campaign, fitted
 
 
 def explained(effects, **bench):
@@ -86,30 +80,7 @@ def test_effect_without_a_size_has_no_bend():
     assert with_form_errors(replace(both, fit=replace(fit, theta=theta))) == []
 
 
-def test_rare_readings_that_nothing_explains_are_no_gap():
-    posterior = diagnosed("leakage").posterior
-    detection = SimpleNamespace(p_value=0.004)
-    assert Analysis(posterior, None, detection, seed=0).significant
-    analysis = Analysis(replace(posterior, no_gap=0.93), None, detection, seed=0)
-    verdict, (note,) = word_of(analysis, NOTHING_STATED, ())
-    assert verdict == "no_gap"
-    assert "p = 0.004" in note and "93 %" in note
-
-
-def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
-    name = "charge pump without speed"
-    found = diagnosed(name)
-    rmse = np.sqrt(np.mean(found.residuals**2))
-    assert found.gap.rmse == pytest.approx(rmse)
-    # A constant torque of 8 N m at these loads.
-    assert rmse > 1.8 * found.delivered.rmse_after
-    shares = shares_of_range(fitted(campaign(seed=1, **CASES[name])))
-    over_the_range = np.sqrt(shares @ found.residuals**2)
-    assert found.shrinkage.before == pytest.approx(
-        np.sqrt(over_the_range**2 - found.gap.noise**2), rel=0.15
-    )
-
-
+@pytest.mark.long
 def test_a_shape_that_would_have_to_leave_its_sources_is_another_form():
     """A relief valve that opens, where the library lacks it, is no leakage of a gap."""
     campaign, _ = draw(Case("unlisted", 303, Bench()))

@@ -5,13 +5,18 @@ import json
 import pickle
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.analysis import Analysis
 from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.results.shrinkage import shares_of_range
 from hmcvt_core.diagnosis.settings import MIN_TEST_GAIN
+from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
+from hmcvt_core.diagnosis.statements.verdict import word_of
 from hmcvt_core.physics.effects.actuator import DisplacementDeadBand
 from hmcvt_core.physics.effects.hydraulic import (
     OrificeLeakage,
@@ -21,6 +26,7 @@ from hmcvt_core.physics.effects.hydraulic import (
 from hmcvt_core.physics.effects.mechanical import Churning, PlanetaryMesh
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
 from hmcvt_tools.report.answer import VERDICTS
+from studies.consistency import RULES, contradictions
 
 from .campaigns import (
     BAND,
@@ -30,6 +36,7 @@ from .campaigns import (
     band_loss,
     campaign,
     diagnosed,
+    fitted,
     random_points,
 )
 
@@ -58,7 +65,7 @@ def test_no_effect_is_no_gap():
     assert (found.verdict, found.next_tests) == ("no_gap", ())
     assert found.shrinkage.fraction is None
     assert found.gap.noise == pytest.approx(NOISE, rel=0.3)
-    assert found.model is found.base
+    assert found.model is found.base and found.delivered.bumps == 0
 
 
 @pytest.mark.parametrize("name", CLEAR)
@@ -513,7 +520,7 @@ def test_load_refused_by_an_improbable_cause(table2):
     assert none.stop and none.measure == "none of the tests can be carried"
 
 
-@pytest.mark.parametrize("n", [12, 24])
+@pytest.mark.parametrize("n", [12, pytest.param(24, marks=pytest.mark.long)])
 def test_few_samples_stay_ambiguous(n):
     """Once 16 samples each were asked for, and a pair from fewer was one of its causes at 100 %."""
     both = (DisplacementDeadBand(0.04), Churning(10.0, 2.0))
@@ -599,3 +606,50 @@ def test_the_simulated_bench_gives_these_numbers():
         first.mean_residual,
         first.samples,
     ] == pytest.approx([80.804, 201.318, -0.01094, 19], rel=1e-3)
+
+
+@every_case
+def test_no_report_contradicts_itself(name):
+    """`python -m studies.consistency` reads two hundred."""
+    assert contradictions(diagnosed(name)) == []
+
+
+def test_the_rules_see_what_they_are_for():
+    found = diagnosed("charge pump")
+    broken = replace(
+        found,
+        verdict="no_gap",
+        agreement=replace(found.agreement, holds=False),
+        where=(replace(found.where[0], p_value=1.0),) if found.where else (),
+        delivered=replace(found.delivered, rmse_after=1.0),
+    )
+    rules = contradictions(broken)
+    assert "the saved model is worse" in rules
+    assert "no gap above the stated noise" in rules
+    assert len(rules) < len(RULES)
+    empty = replace(found, causes=())
+    assert contradictions(empty) == ["a cause is found, and none is named"]
+
+
+def test_rare_readings_that_nothing_explains_are_no_gap():
+    posterior = diagnosed("leakage").posterior
+    detection = SimpleNamespace(p_value=0.004)
+    assert Analysis(posterior, None, detection, seed=0).significant
+    analysis = Analysis(replace(posterior, no_gap=0.93), None, detection, seed=0)
+    verdict, (note,) = word_of(analysis, NOTHING_STATED, ())
+    assert verdict == "no_gap"
+    assert "p = 0.004" in note and "93 %" in note
+
+
+def test_gap_counts_what_the_base_model_takes_for_a_zero_of_a_meter():
+    name = "charge pump without speed"
+    found = diagnosed(name)
+    rmse = np.sqrt(np.mean(found.residuals**2))
+    assert found.gap.rmse == pytest.approx(rmse)
+    # A constant torque of 8 N m at these loads.
+    assert rmse > 1.8 * found.delivered.rmse_after
+    shares = shares_of_range(fitted(campaign(seed=1, **CASES[name])))
+    over_the_range = np.sqrt(shares @ found.residuals**2)
+    assert found.shrinkage.before == pytest.approx(
+        np.sqrt(over_the_range**2 - found.gap.noise**2), rel=0.15
+    )

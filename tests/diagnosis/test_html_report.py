@@ -9,6 +9,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from html import unescape
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -33,6 +34,8 @@ from hmcvt_tools.report.gap_map import (
     estimate,
     held_values,
     largest_gap_map,
+    lead_map,
+    page_maps,
     views,
 )
 from hmcvt_tools.report.residuals import stage_rows
@@ -646,7 +649,8 @@ def test_recorded_temperature_is_an_axis_of_maps() -> None:
     gap = estimate(found, views(found)[3])
     assert gap is not None
     assert np.ptp(gap.mean, axis=0).max() > 0.5  # points, by the oil
-    shown_page = " ".join(html(found).replace("\N{NO-BREAK SPACE}", " ").split())
+    drawings, _ = page_maps(found)
+    shown_page = " ".join(drawings).replace("\N{NO-BREAK SPACE}", " ")
     assert "oil temperature [°C]" in shown_page
     oil = np.median(found.samples.oil_temperature)
     assert f"N·m, oil temperature {oil:.0f} °C; triangles" in shown_page
@@ -743,14 +747,8 @@ def test_answer_takes_its_map_where_the_gap_is_largest() -> None:
     entry = largest_gap_map(found)
     assert entry.stage == list(found.base.stages)[int(points["stage"][row])]
     assert entry.held == {name: points[name][row] for name in entry.held}
-    shown = figure_of(page_of_stages(), "lead-map")
+    shown = lead_map(found)
     assert f"stage {entry.stage}, at " in shown.replace("\N{NO-BREAK SPACE}", " ")
-
-
-def figure_of(shown: str, identity: str) -> str:
-    found = re.search(rf'<svg [^>]*id="{identity}".*?</svg>', shown, re.DOTALL)
-    assert found is not None
-    return found[0]
 
 
 @pytest.mark.long
@@ -830,3 +828,12 @@ def test_sheet_is_one_page_of_pdf(tmp_path: Path) -> None:
     assert len(re.findall(rb"/Type /Page\b", content)) == 1
     with pytest.raises(hmcvt.InputError, match=r"report\.txt: a report ends in"):
         write_report(diagnosis("ambiguous"), tmp_path / "report.txt")
+
+
+def test_every_report_has_the_same_next_step() -> None:
+    found = diagnosis("ambiguous")
+    steps = words.next_step(found)
+    said = " ".join(found.report().split())
+    assert f"next step {' '.join(steps)}" in said
+    texts = unescape(" ".join(page("ambiguous").split()))
+    assert all(step[1:] in texts for step in steps)

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a diagnosis leaves unexplained, put into the saved model."""
+"""What a diagnosis leaves unexplained: put into the saved model, and stated as its error."""
 
 from dataclasses import replace
 
@@ -9,10 +9,11 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import without_remainder
 from hmcvt_core.benches.transmission.served import handed_over
-from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 from hmcvt_core.transmission.ranges import OperatingPoints
 
-from .campaigns import BASE, campaign, random_points
+from .campaigns import BASE, campaign, diagnosed, random_points
+
+pytestmark = pytest.mark.slow
 
 NOISE = 0.004
 
@@ -86,11 +87,6 @@ def test_the_remainder_is_served_from_a_file(unexplained, tmp_path):
     assert {effect.name for effect in loaded.effects} == {"empirical_loss"}
 
 
-def test_noise_alone_adds_nothing():
-    diagnosis = hmcvt.diagnose(BASE, campaign(seed=3, noise=NOISE), noise=NOISE)
-    assert diagnosis.delivered.bumps == 0 and diagnosis.model is diagnosis.base
-
-
 def test_a_loss_in_one_stage_of_several_is_served_there(tmp_path):
     tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     samples = in_stages(tractor, seed=1, noise=NOISE, wave_in="HM3")
@@ -107,10 +103,60 @@ def test_a_loss_in_one_stage_of_several_is_served_there(tmp_path):
 
 
 def test_a_leading_set_that_the_relevant_explanations_lack_still_competes():
-    mesh = (PlanetaryMesh(0.06),)
-    found = hmcvt.diagnose(BASE, campaign(mesh, seed=1, n=48), noise=NOISE)
+    found = diagnosed("planetary mesh")
     assert found.named is not None
     others = ((found.posterior.base_only, 1.0),)
     posterior = replace(found.posterior, entries=others)
     handed = handed_over(replace(found, posterior=posterior))
     assert handed.rmse_after <= handed.rmse_before
+
+
+# --- models of a diagnosis state what they miss ---------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fresh():
+    return campaign(seed=2, n=300, noise=0.0, loss=wave)
+
+
+def coverage(model, tests):
+    """Fraction of tests that lie in the 95 % intervals."""
+    prediction = model.predict(*tests.points[:3])
+    off = np.abs(prediction.efficiency - tests.efficiency)
+    return np.mean(off <= 1.96 * prediction.standard_error)
+
+
+def test_base_states_the_gap(unexplained, fresh):
+    assert unexplained.base.misfit == pytest.approx(
+        error(unexplained.base, fresh), rel=0.25
+    )
+    assert coverage(unexplained.base, fresh) > 0.9
+    assert coverage(replace(unexplained.base, misfit=0.0), fresh) < 0.6
+
+
+def test_remainder_states_what_it_leaves(unexplained, fresh):
+    model = unexplained.model
+    assert 0.0 < model.misfit < 0.7 * unexplained.base.misfit
+    assert coverage(model, fresh) > 0.85
+
+
+def test_cause_leaves_less_than_the_base():
+    diagnosis = diagnosed("planetary mesh")
+    assert diagnosis.verdict in ("cause_found", "ambiguous")
+    assert diagnosis.model.misfit < 0.3 * diagnosis.base.misfit
+
+
+def test_misfit_of_the_model_given_is_not_inherited():
+    given = replace(BASE, misfit=0.1)
+    diagnosis = hmcvt.diagnose(given, campaign(seed=3, noise=NOISE), noise=NOISE)
+    assert diagnosis.model.misfit < 0.5 * NOISE
+
+
+def test_change_inherits_the_misfit_of_the_sound_model():
+    sound = campaign(seed=1000, n=48, noise=NOISE, loss=wave)
+    change = hmcvt.diagnose(
+        BASE, campaign(seed=1, n=24, noise=NOISE, loss=wave), baseline=sound
+    )
+    assert change.base.misfit > 0.5 * error(
+        change.base, campaign(seed=2, n=300, noise=0.0, loss=wave)
+    )

@@ -15,14 +15,18 @@ from export.points import bits_differ, random_outputs, random_points
 from hmcvt_core.transmission.ranges import ENGINE_SPEED_LIMITS, OperatingPoints
 
 POINTS = 1_000_000
+FEWER_POINTS = 200_000
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "count", [FEWER_POINTS, pytest.param(POINTS, marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize(("name", "stage"), STAGES)
-def test_double_precision_is_identical_bit_by_bit(exported, name, stage):
+def test_double_precision_is_identical_bit_by_bit(exported, name, stage, count):
     built = exported(name)
     model = built.model.stages[stage]
-    points = random_points(1, POINTS)
+    points = random_points(1, count)
     answer, status = built.library.predict(built.number(stage), *points)
     solution = model.solution_at(OperatingPoints(*points))
     assert bits_differ(answer["efficiency"], solution.efficiency) == 0
@@ -32,7 +36,7 @@ def test_double_precision_is_identical_bit_by_bit(exported, name, stage):
     assert bits_differ(answer["power_loss"], loss) == 0
     assert set(status) == {0, 1}
     assert np.array_equal(status == 1, np.isnan(solution.efficiency))
-    inside = np.zeros(POINTS, dtype=bool)
+    inside = np.zeros(count, dtype=bool)
     if model.domain is not None:
         inside = model.domain.contains(*points)
     assert np.array_equal(answer["inside_domain"] == 1, inside)
@@ -42,7 +46,7 @@ def test_double_precision_is_identical_bit_by_bit(exported, name, stage):
 def test_single_precision_is_within_a_ten_thousandth(exported, name, stage):
     built = exported(name, "single")
     model = built.model.stages[stage]
-    points = random_points(2, POINTS // 4, np.float32)
+    points = random_points(2, FEWER_POINTS, np.float32)
     answer, status = built.library.predict(built.number(stage), *points)
     efficiency = model.efficiency(*points)
     assert np.nanmax(np.abs(answer["efficiency"] - efficiency)) < 1e-4
@@ -81,10 +85,11 @@ def test_optimum_at_a_held_output_speed(exported, name, stage):
 
 
 @needs_compiler
+@pytest.mark.parametrize("models", [2, pytest.param(6, marks=pytest.mark.long)])
 @pytest.mark.parametrize("layout", ["input_coupled", "output_coupled", "hydrostatic"])
-def test_made_up_stages_and_edges(tmp_path, layout):
+def test_made_up_stages_and_edges(tmp_path, layout, models):
     rng = np.random.default_rng(5)
-    for number in range(6):
+    for number in range(models):
         model = made_up_model(rng, layout)
         folder = tmp_path / str(number)
         hmcvt_tools.export_c(model, folder)

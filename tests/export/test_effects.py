@@ -19,7 +19,7 @@ from hmcvt_core.transmission.ranges import OperatingPoints
 from hmcvt_tools.export import effect_tables
 from hmcvt_tools.export.effect_tables import BOUND, TABLE_SPEED
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.slow]
 
 POINTS = 30_000
 

@@ -63,7 +63,16 @@ def golden(model):
 
 @needs_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tractor", "hm4", "output_coupled", "hydrostatic"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tractor",
+        "output_coupled",
+        # As a stage of the tractor.
+        pytest.param("hm4", marks=pytest.mark.long),
+        pytest.param("hydrostatic", marks=pytest.mark.long),
+    ],
+)
 def test_answers_in_the_browser_are_those_of_python(name, tmp_path):
     model = shipped(name)
     rows = golden(model)

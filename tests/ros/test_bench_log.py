@@ -35,11 +35,13 @@ def values(path):
     return path.read_text().splitlines()[1:]
 
 
-def test_every_cut_of_the_file_leaves_the_whole_samples(path):
+@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.long)])
+def test_every_cut_of_the_file_leaves_the_whole_samples(path, step):
     filled(path, 2)
     whole = path.read_bytes()
     ends = [i for i, byte in enumerate(whole) if byte == ord("\n")]
-    for cut in range(len(whole)):
+    around_ends = {end + after for end in ends for after in (-1, 0, 1)}
+    for cut in sorted({*range(0, len(whole), step), *around_ends} - {len(whole)}):
         path.write_bytes(whole[:cut])
         log = BenchLog(path, limit=100)
         # A row is whole with its checksum, also without the end of its line.
@@ -340,7 +342,10 @@ def test_all_samples_that_are_gone_are_listed_in_a_file(path):
     assert gone.split(", ") == [str(number) for number in range(1, 90, 2)]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed",
+    [*range(6), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(6, 20))],
+)
 def test_random_edits_lose_no_sound_row_and_name_the_rest(path, seed):
     filled(path, 60)
     rng = np.random.default_rng(seed)
@@ -351,11 +356,12 @@ def test_random_edits_lose_no_sound_row_and_name_the_rest(path, seed):
 
 
 @pytest.mark.slow
-def test_log_of_10_000_rows_is_repaired_in_bounded_time_and_memory(path):
-    result = trial(path, rows=10_000, edits=40, seed=0, traced=True)
+@pytest.mark.parametrize("rows", [2_500, pytest.param(10_000, marks=pytest.mark.long)])
+def test_long_log_is_repaired_in_bounded_time_and_memory(path, rows):
+    result = trial(path, rows=rows, edits=40, seed=0, traced=True)
     assert result.problems == []
-    assert result.peak < 200e6
-    assert result.longest < 20.0  # traced, on a busy machine; 2 s otherwise
+    assert result.peak < 20e3 * rows
+    assert result.longest < 2e-3 * rows  # traced, on a busy machine; a tenth otherwise
 
 
 def test_file_that_is_too_large_for_a_log_is_set_aside_unread(path):

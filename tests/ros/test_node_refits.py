@@ -306,6 +306,7 @@ def test_a_gap_that_opens_is_told_in_diagnostics(start_node, tmp_path):
     assert list(node.state.glob("models/*")) == []
 
 
+@pytest.mark.usefixtures("coarse_maps")
 def test_a_baseline_file_reaches_the_diagnosis(paper_file, tmp_path):
     samples = hmcvt.read_bench(hmcvt.data_path("data/simulated.csv"))
     sound = tmp_path / "sound.csv"

@@ -2,6 +2,7 @@
 """The renewed plant: its machines, its meters, what is visible, and the oracle."""
 
 import ast
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,11 @@ from studies.blind.renewed.study import cases, paired
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import UNLISTED
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(3)
+made = functools.cache(make_campaign)
+"""Campaigns that several tests look at."""
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
@@ -65,7 +70,7 @@ def test_every_form_is_of_an_effect_that_the_library_names():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_equal_seeds_give_equal_campaigns(kind):
-    first = make_campaign(kind, 1)
+    first = made(kind, 1)
     second = make_campaign(kind, 1)
     for name, values in first.columns.items():
         np.testing.assert_array_equal(values, second.columns[name])
@@ -76,15 +81,15 @@ def test_equal_seeds_give_equal_campaigns(kind):
 
 def test_only_an_exact_base_is_without_losses_of_its_own():
     for seed in SEEDS:
-        assert make_campaign("nothing", seed).truth.errors == ()
-        errors = make_campaign("base_off", seed).truth.errors
+        assert made("nothing", seed).truth.errors == ()
+        errors = made("base_off", seed).truth.errors
         assert len(errors) == 2
         assert all(error.size > 0.0 for error in errors)
 
 
 def test_a_wrong_sign_is_a_gain():
     for seed in SEEDS:
-        campaign = make_campaign("wrong_sign", seed)
+        campaign = made("wrong_sign", seed)
         at = campaign.settings
         stage = campaign.programme.stage
         with_it = campaign.state.efficiency(at.engine_speed)
@@ -114,7 +119,7 @@ def test_the_oil_warms_with_losses_and_cools_in_a_pause():
 def test_the_stroke_sensor_has_a_scale_and_a_zero_in_each_session():
     seen = set()
     for seed in range(12):
-        campaign = make_campaign("nothing", seed)
+        campaign = made("nothing", seed)
         sessions = campaign.programme.session
         true = campaign.settings.displacement_ratio
         shown = campaign.columns["displacement_ratio"]
@@ -133,26 +138,30 @@ def test_the_stroke_sensor_has_a_scale_and_a_zero_in_each_session():
 def test_known_forms_base_and_meters_leave_the_noise_alone():
     pulls = []
     for seed in SEEDS:
-        campaign = make_campaign("single", seed)
+        campaign = made("single", seed)
         look = Look(campaign)
         rest = look.remaining(look.observed() - look.rows(campaign.truth.whole))
         pulls.append(float(np.sum(rest**2)) / len(look.bare))
     assert 0.6 < np.mean(pulls) < 1.2
 
 
-def test_the_oracle_names_what_readings_tell_and_nothing_where_nothing_is():
-    campaign = make_campaign("unlisted", 2)
+def test_the_oracle_names_what_readings_tell():
+    campaign = made("unlisted", 2)
     look = Look(campaign)
     assert min(look.visibility().left) > 18.0
     classes, probability = ask(campaign, look).sets[0]
     assert classes == list(campaign.truth.names)
     assert probability > 0.5
-    sound = make_campaign("nothing", 1)
+
+
+@pytest.mark.long
+def test_the_oracle_names_nothing_where_nothing_is():
+    sound = made("nothing", 1)
     assert ask(sound, Look(sound)).sets[0][0] == []
 
 
 def test_a_channel_is_left_out_of_what_is_served():
-    campaign = make_campaign("nothing", 3)
+    campaign = made("nothing", 3)
     _, samples = served(campaign, ("output_speed",))
     assert samples.output_speed is None
 

@@ -7,9 +7,8 @@ from studies.stability import FIRST_SEED, Case
 from studies.where import Score, score, scores_table
 
 
-@pytest.mark.parametrize(
-    "generator", ["twin", pytest.param("bench", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("generator", ["twin", "bench"])
 def test_regions_hold_more_of_the_gap_than_all_samples(generator):
     scored = score(Case(generator, 0, FIRST_SEED))
     assert scored.generator == generator

@@ -10,7 +10,7 @@ import sys
 import pytest
 from cli.running import ROOT
 
-from studies.withheld import judged
+from studies.withheld import judged, main
 
 SETS = [(("churning",), 0.6), (("charge_pump",), 0.3), (("churning", "gear_mesh"), 0.1)]
 
@@ -71,12 +71,9 @@ def test_a_false_companion_is_partly_right():
     assert text.startswith("PARTLY RIGHT") and "rank 2" in text
 
 
-def test_a_seed_out_of_range_is_refused(tmp_path):
-    run = subprocess.run(
-        [sys.executable, "-m", "studies.withheld", "--seed", "-1"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert run.returncode == 2
-    assert "must be 0 to 999999" in run.stderr
+def test_a_seed_out_of_range_is_refused(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["withheld", "--seed", "-1"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "must be 0 to 999999" in capsys.readouterr().err

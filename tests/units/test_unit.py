@@ -62,8 +62,8 @@ def test_terms_of_the_paper(tmp_path):
 @pytest.mark.parametrize(
     ("names", "seed"),
     [
-        (("compressibility",), 6),
-        (("pressure_leakage",), 7),
+        pytest.param(("compressibility",), 6, marks=pytest.mark.long),
+        pytest.param(("pressure_leakage",), 7, marks=pytest.mark.long),
         (("reference_displacement",), 6),
         (("constant_torque", "orifice_leakage"), 7),
     ],
