@@ -141,7 +141,7 @@ def _refit_to_answered(system: System, observed: Observations) -> tuple[Fit, lis
             f"{describe_samples(observed, unanswered)}"
         )
     if not np.array_equal(unanswered, unanswered_before):
-        fit = refit(hypothesis, observed.without(unanswered))
+        fit = refit(hypothesis, observed.without(unanswered), fit.theta)
     return fit, notes
 
 

@@ -16,7 +16,7 @@ from studies.blind.bench.layouts import Machine, settings_of
 from studies.blind.bench.programme import fresh_programme
 from studies.blind.renewed.campaign import KINDS, WRONG_SIGNS, make_campaign
 from studies.blind.renewed.day import TESTS, Heat
-from studies.blind.renewed.judge import served
+from studies.blind.renewed.judge import draw, served
 from studies.blind.renewed.listed import OWN_FORMS
 from studies.blind.renewed.look import Look
 from studies.blind.renewed.oracle import ask
@@ -200,3 +200,10 @@ def test_a_channel_that_loses_a_cause_is_counted():
     right = record("single", ["churning"], ["churning"], ["churning"])
     wrong = record("single", ["churning"], ["fan_drive"], ["churning"])
     assert "| `pressure` | 0 | 0 | 1 | 0 |" in paired([wrong], [right], "pressure")
+
+
+def test_a_base_is_refitted_on_from_the_loads_that_its_prior_carries():
+    """At the prior mean 10 of 64 tests stall; refitted from there to all, 6 points remained."""
+    campaign, _, _ = draw("nothing", 97_950_025)
+    model, samples = served(campaign)
+    assert hmcvt.diagnose(model, samples).verdict == "no_gap"

@@ -107,7 +107,8 @@ def _significance_if_stated(analysis: Analysis) -> str:
     observed = analysis.base.observed
     channel = observed.channels[0]
     noise = float(f"{observed.stated_noise:.2g}")
-    fit = refit(analysis.base.hypothesis, observed.with_stated_noise(noise))
+    base = analysis.base
+    fit = refit(base.hypothesis, observed.with_stated_noise(noise), base.theta)
     p_value = significance(fit, analysis.boxes, analysis.seed).p_value
     return (
         f"the noise was not stated, and {len(observed)} samples cannot distinguish it from a gap: "
