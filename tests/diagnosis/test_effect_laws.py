@@ -259,7 +259,7 @@ def test_watts_close_on_every_layout(effect, file, stage, load, points):
         InletStarvation(deficit=0.3, full_speed=200.0),
         FanDrive(torque=10.0, start=65.0, band=10.0),
         ClutchSlip(slip=8.0, exponent=1.0, holding=200.0),
-        GrippingClutch(torque=12.0, speed_ratio=0.9),
+        GrippingClutch(torque=25.0, speed_ratio=0.9),
     ],
     ids=_name,
 )
