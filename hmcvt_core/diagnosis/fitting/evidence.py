@@ -352,7 +352,7 @@ def moment_prior_log_bayes_factor(
     Returns:
         The sum over the sizes, shape (...,).
     """
-    from scipy.special import log_ndtr
+    from scipy.special import erfcx, log_ndtr
 
     # Rounding may leave no variance at all to what the readings determine by far.
     variance = np.maximum(variance, np.square(ROUNDING * spread))
@@ -361,7 +361,7 @@ def moment_prior_log_bayes_factor(
     ratio = sign * mean / deviation
     # Log probability of the sign, and the hazard rate of the normal truncated to it.
     log_sign_probability = log_ndtr(ratio)
-    hazard = np.exp(-0.5 * (ratio**2 + np.log(2.0 * np.pi)) - log_sign_probability)
+    hazard = np.sqrt(2.0 / np.pi) / erfcx(-ratio / np.sqrt(2.0))
     second_moment = mean**2 + variance + sign * mean * deviation * hazard
     log_moment = np.log(np.maximum(second_moment, 1e-300) / spread**2)
     log_side = np.where(sign == 0.0, 0.0, np.log(2.0) + log_sign_probability)
