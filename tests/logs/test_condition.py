@@ -17,7 +17,7 @@ from hmcvt_core.physics.effects.mechanical import FanDrive, ViscousBearingDrag
 from hmcvt_core.transmission.parameters import HydraulicParameters
 from hmcvt_tools.estimation import EstimateSettings
 from hmcvt_tools.estimation.condition import moves, outside_identified
-from hmcvt_tools.estimation.log import _condition_notes, _drag_notes
+from hmcvt_tools.estimation.log import _condition_notes, _oil_notes
 from hmcvt_tools.estimation.solving import StageSolver
 
 SPEED = np.full(40, 150.0)
@@ -152,16 +152,16 @@ def test_oil_does_not_act_twice(identified, solved):
 def test_drags_with_the_oil_are_noted(identified):
     drags = (ViscousBearingDrag(torque=5.0), FanDrive(torque=5.0))
     model = replace(identified, effects=drags)
-    assert _drag_notes(model, has_temperature=False) == [
+    assert _oil_notes(model, has_temperature=False) == [
         "effect bearing_drag is taken at 60 deg C",
         "effect fan_drive is off",
     ]
-    assert _drag_notes(model, has_temperature=True) == [
+    assert _oil_notes(model, has_temperature=True) == [
         "effect bearing_drag follows the oil temperature of the log",
         "effect fan_drive follows the oil temperature of the log",
     ]
     warm = replace(identified, effects=(OilTemperature(1.0),))
-    assert not _drag_notes(warm, has_temperature=False)
+    assert not _oil_notes(warm, has_temperature=False)
 
 
 def test_oil_temperature_of_settings_is_checked():
