@@ -454,8 +454,9 @@ class Listener:
         self._topic = player.create_subscription(
             Float64, "efficiency", lambda message: self._heard(), DEEP
         )
+        # Those of tests before may be there until their lease ends.
         assert player.wait_until(
-            lambda: player.count_subscribers("efficiency") == 2, 20.0
+            lambda: player.count_subscribers("efficiency") >= 2, 20.0
         )
         assert player.hold(GOOD).efficiency is not None
         self._begin()
@@ -495,6 +496,7 @@ def counts_of_inputs(node):
     return counts
 
 
+@pytest.mark.long
 def test_clients_that_call_and_vanish_lose_no_answer(node, relay, environment):
     """Six times a hundred of them, beside one that listens to the node and to a relay.
 
