@@ -16,7 +16,7 @@
 #   make reproduce  every number and figure of the paper beside ours; in reproduction/
 #   make blind   the blind trial of the diagnosis; writes docs/studies/blind.md (two hours on two cores)
 #   make benchmark  hmcvt and five simpler methods on the same cases; writes
-#                docs/studies/benchmark.md (an hour on two cores)
+#                docs/studies/benchmark.md (a quarter of an hour on two cores)
 #   make real    a rig with known faults and makers' units, from data/real (or DIR=...); writes
 #                docs/studies/real.md (two minutes)
 #   make mutants  200 random mistakes in the core: do the tests see them? writes docs/studies/mutants.md
