@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -135,6 +135,12 @@ class Effect:
     ) -> tuple[FloatArray, FloatArray]:
         """What the two torque meters show of the true torques, N m."""
         return engine_torque, output_torque
+
+
+def acting(effects: Sequence[Effect], hook: str) -> list[Effect]:
+    """Return the effects that do something at one place of the machine."""
+    idle = getattr(Effect, hook)
+    return [effect for effect in effects if getattr(type(effect), hook) is not idle]
 
 
 def pumping(at: Conditions) -> FloatArray:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from studies.blind.effect import Conditions, Effect, FloatArray
+from studies.blind.effect import Conditions, Effect, FloatArray, acting
 from studies.blind.steady import settle
 
 #: Speed (rad/s) and torque (N m) over which the sense of friction turns round.
@@ -214,15 +214,17 @@ class Plant:
         shape = pressure.shape
         command = np.broadcast_to(points.displacement_ratio, shape)
         load = np.broadcast_to(points.load_torque, shape)
-        stroke, slip = command, np.zeros(shape)
-        clutch_torque = self._clutch_torque(engine, motor, points)
+        stroke = command
         gap, film = np.ones(shape), np.ones(shape)
         for effect in self.effects:
             stroke = effect.true_stroke(stroke, pressure)
-            slip = slip + effect.clutch_slip(clutch_torque)
             in_gap, in_film = effect.viscosity(points.oil_temperature)
             gap, film = gap * in_gap, film * in_film
-        carrier = self.train.carrier_speed(engine - slip)
+        sliding = np.zeros(shape)
+        for effect in acting(self.effects, "clutch_slip"):
+            torque = self._clutch_torque(engine, motor, points)
+            sliding = sliding + effect.clutch_slip(torque)
+        carrier = self.train.carrier_speed(engine - sliding)
         ring = np.maximum(self.train.ring_speed(carrier, motor), 1.0)
         return Conditions(
             command,

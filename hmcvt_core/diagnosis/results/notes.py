@@ -104,10 +104,10 @@ def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
 
 def _significance_if_stated(analysis: Analysis) -> str:
     """Return a note on the p value that the assumed noise would give if it were stated."""
-    observed = analysis.base.observed
+    base = analysis.base
+    observed = base.observed
     channel = observed.channels[0]
     noise = float(f"{observed.stated_noise:.2g}")
-    base = analysis.base
     fit = refit(base.hypothesis, observed.with_stated_noise(noise), base.theta)
     p_value = significance(fit, analysis.boxes, analysis.seed).p_value
     return (

@@ -30,6 +30,23 @@ _VG46 = (46.0, 6.8)  # mm2/s at 40 and 100 deg C
 
 
 @dataclass(frozen=True)
+class _LeakOfOil(Effect):
+    """A leakage through gaps, as the viscosity of a logged oil makes it."""
+
+    needs_oil_temperature = True
+    assumes_oil_temperature = True
+
+    oil_exponent: float = shape(
+        "-", (1.0,), "power of viscosity in the leakage", limits=(0.0, 1.0)
+    )
+
+    def leakage_flow(self, state: ShaftState) -> Value:
+        # Its own viscosity takes the place of that of `oil_temperature`.
+        flow = super().leakage_flow(state) * state.viscosity_ratio
+        return flow / oil_factor(state, self.oil_exponent)
+
+
+@dataclass(frozen=True)
 class PressureLeakage(Effect):
     """q = c dp (|dp| / 20 MPa)^m / mu: gaps that open with pressure leak faster than linearly."""
 
@@ -74,23 +91,12 @@ class PistonLeakage(PressureLeakage):
 
 
 @dataclass(frozen=True)
-class ViscousPressureLeakage(PressureLeakage):
+class ViscousPressureLeakage(_LeakOfOil, PressureLeakage):
     """q = c dp (|dp| / 20 MPa)^m / mu^n: gaps that open with pressure leak more of a warm oil."""
 
     form = "with the oil"
-    needs_oil_temperature = True
-    assumes_oil_temperature = True
     source = "flow through a gap ~ 1 / viscosity: Merritt 1967, 3.2; Ivantysyn & Ivantysynova"
     remedy = "measure the output speed at one pressure with cold and warm oil"
-
-    oil_exponent: float = shape(
-        "-", (1.0,), "power of viscosity in the leakage", limits=(0.0, 1.0)
-    )
-
-    def leakage_flow(self, state: ShaftState) -> Value:
-        # Its own viscosity takes the place of that of `oil_temperature`.
-        flow = super().leakage_flow(state) * state.viscosity_ratio
-        return flow / oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)
@@ -131,25 +137,14 @@ class StrokeLeakage(Effect):
 
 
 @dataclass(frozen=True)
-class ViscousStrokeLeakage(StrokeLeakage):
+class ViscousStrokeLeakage(_LeakOfOil, StrokeLeakage):
     """q = c dp |eps|^m / mu^n: gaps that open with the stroke leak more of a warm oil."""
 
     form = "with the oil"
-    needs_oil_temperature = True
-    assumes_oil_temperature = True
     source = "flow through a gap ~ 1 / viscosity: Merritt 1967, 3.2"
     remedy = (
         "measure the output speed at one pressure and stroke with cold and warm oil"
     )
-
-    oil_exponent: float = shape(
-        "-", (1.0,), "power of viscosity in the leakage", limits=(0.0, 1.0)
-    )
-
-    def leakage_flow(self, state: ShaftState) -> Value:
-        # Its own viscosity takes the place of that of `oil_temperature`.
-        flow = super().leakage_flow(state) * state.viscosity_ratio
-        return flow / oil_factor(state, self.oil_exponent)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ the stable state is met first. Friction is as sharp as in the equations: a motor
 nor is driven stands still.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from studies.blind.bench.roots import bracketed_root
 from studies.blind.bench.trains import GearPath, Train
-from studies.blind.effect import Conditions, Effect, FloatArray
+from studies.blind.effect import Conditions, Effect, FloatArray, acting
 from studies.blind.twin import BaseTruth
 
 #: Loop pressure beyond which the relief valves of the loop are wide open: a stall [Pa].
@@ -148,7 +147,7 @@ class _Solver:
         self.train = stand.train
         self.base = stand.base
         self.effects = stand.effects
-        self.acting = {hook: _acting(stand.effects, hook) for hook in _HOOKS}
+        self.acting = {hook: acting(stand.effects, hook) for hook in _HOOKS}
         self.settings = settings
         self.power = settings.load_torque * settings.engine_speed
         self.command = self.train.sense * settings.displacement_ratio
@@ -476,9 +475,3 @@ class _Solver:
         for effect in self.acting[hook]:
             total = total + getattr(effect, hook)(at)
         return total
-
-
-def _acting(effects: Sequence[Effect], hook: str) -> list[Effect]:
-    """Return the effects that do something at one place of the machine."""
-    idle = getattr(Effect, hook)
-    return [effect for effect in effects if getattr(type(effect), hook) is not idle]
