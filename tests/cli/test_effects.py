@@ -129,16 +129,18 @@ def test_effects_of_an_installed_package(worked, tmp_path):
     )
 
 
-def test_fleet_loads_the_effects_in_its_worker(worked, tmp_path):
+def test_fleet_loads_the_effects_in_its_workers(worked, tmp_path):
     folder, _ = worked
     logs = tmp_path / "logs"
     logs.mkdir()
     rows = (folder / "tipping.csv").read_text().splitlines()
-    (logs / "one.csv").write_text("\n".join([*rows[:25], ""]))
+    for name in ("one.csv", "two.csv"):
+        (logs / name).write_text("\n".join([*rows[:25], ""]))
     (line,) = re.findall(r"^    (hmcvt fleet .*)", PAGE, re.MULTILINE)
     done = here(
         tmp_path,
-        f"{line} --params {folder / 'tipping.yaml'} --no-diagnose --processes 1 --json",
+        f"{line} --params {folder / 'tipping.yaml'} --no-diagnose --processes 2 --json",
     )
     assert done.code == 0, done.err
-    assert "tipping_block" in (tmp_path / "fitted" / "one.yaml").read_text()
+    for name in ("one.yaml", "two.yaml"):
+        assert "tipping_block" in (tmp_path / "fitted" / name).read_text()

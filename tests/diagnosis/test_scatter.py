@@ -70,10 +70,10 @@ def test_odds_grow_with_the_noise_and_are_finite():
 
 def test_many_repeats_do_not_hide_every_set():
     points = random_points(5, n=40)
-    repeated = points.map(lambda row: np.repeat(row, 4))
+    repeated = points.map(lambda row: np.repeat(row, 8))
 
     def by_point(at):
-        return np.repeat(np.random.default_rng(9).uniform(0.0, 0.12, 40), 4)
+        return np.repeat(np.random.default_rng(9).uniform(0.0, 0.12, 40), 8)
 
     found = hmcvt.diagnose(BASE, measure(repeated, loss=by_point))
     assert found.unlisted > 0.5 or found.verdict == "no_gap"
