@@ -257,7 +257,7 @@ class BalanceSolver:
             # Torques of output and motor are reflected, speeds are not.
             "output": flow.geared_speed,
             "motor": shafts.sense * flow.state.motor_speed,
-            "mechanical": flow.state.engine_speed,
+            "mechanical": shafts.mechanical_speed(flow),
             "pump": flow.state.pump_speed,
         }
         for name, watts in self._gear_losses(flow, speeds):
@@ -266,7 +266,8 @@ class BalanceSolver:
         if self.stage.has_row:
             losses["planetary_row"] = _row_loss(shafts, flow, speeds)
         for effect in self._effects:
-            watts = _drag_loss(effect, flow.state) + _slip_loss(effect, flow)
+            slipping = shafts.slip_loss(effect, flow)
+            watts = _drag_loss(effect, flow.state) + slipping
             losses[effect.name] = losses.get(effect.name, 0.0) + watts
         optional = {"pressure_drop", *(effect.name for effect in self._effects)}
         shown = {
@@ -395,13 +396,6 @@ def _row_loss(shafts: Shafts, flow: PowerFlow, speeds: Mapping[str, Array]) -> A
     mechanical = flow.torques["mechanical"][0] * speeds["mechanical"]
     output = flow.torques["output"][-1] * speeds["output"]
     return np.asarray(hydraulic + mechanical - output)
-
-
-def _slip_loss(effect: Effect, flow: PowerFlow) -> Array:
-    """Power that an effect takes in a closed clutch at the output [W]."""
-    power = np.abs(flow.output_power)
-    torque = np.where(power == 0.0, 0.0, power / np.abs(flow.output_speed))
-    return np.asarray(torque * effect.output_slip(torque))
 
 
 def _drag_loss(effect: Effect, state: ShaftState) -> Array:

@@ -45,6 +45,7 @@ _SLIP_DIFFERENCE = 1e-6
 _HOOKS = (
     "true_load_power",
     "output_slip",
+    "mechanical_slip",
     "stroke_lag",
     "output_drag",
     "engine_drag",
@@ -415,7 +416,7 @@ class Shafts(SteadyState):
         load = load + self.sense * self._sum("output_drag", state)
         drag = self._sum("motor_drag", state)
         if self.pump_on_row:
-            torques = self._braced(self._lagged(state), geared_speed)
+            torques = self._braced(self._loaded(state), geared_speed)
             load = load - torques["output"][0]
             direction = np.sign(speed)
             motor = self._geared(
@@ -435,7 +436,7 @@ class Shafts(SteadyState):
             answer = np.where(self.resting, pressure, answer)
         # What pump and motor share answers the pressure assumed: a step of Newton.
         pressure = pressure + (answer - pressure) / (1.0 - self._row_share(stroke))
-        state = self._lagged(state._replace(pressure=self.sense * pressure))
+        state = self._loaded(state._replace(pressure=self.sense * pressure))
         # Eq. (13) takes the pressure of the motor; lines between the units do not leak.
         leakage = self.given.leakage * state.pressure + self._sum("leakage_flow", state)
         return PowerFlow(
@@ -453,7 +454,7 @@ class Shafts(SteadyState):
 
     def _output_speed(self, geared_speed: Array) -> Array:
         """Return the speed behind closed clutches; NaN where they cannot pass the load."""
-        if not self.acting["output_slip"]:
+        if not self._slipping:
             return geared_speed
         direction = np.sign(geared_speed)
         before = np.abs(geared_speed)
@@ -475,7 +476,7 @@ class Shafts(SteadyState):
 
     def _geared_speed(self, output_speed: Array) -> Array:
         """Return the speed before closed clutches."""
-        if not self.acting["output_slip"]:
+        if not self._slipping:
             return output_speed
         behind = np.abs(output_speed)
         return np.asarray(np.sign(output_speed) * (behind + self._slip(behind)))
@@ -485,15 +486,64 @@ class Shafts(SteadyState):
         power = self._output_power(behind)
         torque = np.where(power == 0.0, 0.0, np.abs(power) / behind)
         slip: Value = 0.0
-        for effect in self.acting["output_slip"]:
-            slip = slip + effect.output_slip(torque)
+        for effect in self._slipping:
+            slip = slip + self._slip_at_output(effect, torque)
         return np.asarray(np.sign(power) * slip)
 
-    def _lagged(self, state: ShaftState) -> ShaftState:
-        if not self.acting["stroke_lag"]:
+    @property
+    def _slipping(self) -> list[Effect]:
+        """Effects of closed clutches that make the output slip."""
+        if self.pump_on_row:
+            return self.acting["output_slip"]
+        return self.acting["output_slip"] + self.acting["mechanical_slip"]
+
+    def _slip_at_output(self, effect: Effect, torque: Array) -> Value:
+        """Return the output speed that an effect takes under a torque of the output."""
+        # The mechanical path has m times that torque, and slows the output by m times its slip.
+        ratio = np.abs(self.mechanical_ratio)
+        return effect.output_slip(torque) + ratio * effect.mechanical_slip(
+            ratio * torque
+        )
+
+    def _mechanical_slip(self, effect: Effect, state: ShaftState) -> Value:
+        """Return the speed that a clutch before a row braced by the pump takes from the engine."""
+        displacement = self.stage.pump_motor.pump_displacement
+        pump_torque = displacement * state.displacement_ratio * state.pressure
+        torque = self.pump_ratios[0] * pump_torque
+        return np.sign(torque) * effect.mechanical_slip(np.abs(torque))
+
+    def _loaded(self, state: ShaftState) -> ShaftState:
+        """Return a state whose stroke and pump speed yield to the load."""
+        if self.acting["stroke_lag"]:
+            lag = self._sum("stroke_lag", state)
+            state = state._replace(displacement_ratio=state.displacement_ratio - lag)
+        if not self.pump_on_row:
             return state
-        lag = self._sum("stroke_lag", state)
-        return state._replace(displacement_ratio=state.displacement_ratio - lag)
+        for effect in self.acting["mechanical_slip"]:
+            slip = self._mechanical_slip(effect, state)
+            slowed = state.pump_speed - self.pump_ratios[0] * slip
+            state = state._replace(pump_speed=slowed)
+        return state
+
+    def mechanical_speed(self, flow: PowerFlow) -> Array:
+        """Return the speed of the mechanical path behind its closed clutch [rad/s].
+
+        Input-coupled that of the engine: the slip counts at the output.
+        """
+        if not self.pump_on_row:
+            return flow.state.engine_speed
+        lost = self._pump_speed(flow.geared_speed) - flow.state.pump_speed
+        return np.asarray(flow.state.engine_speed - lost / self.pump_ratios[0])
+
+    def slip_loss(self, effect: Effect, flow: PowerFlow) -> Array:
+        """Return the power that an effect takes in closed clutches [W]."""
+        power = np.abs(flow.output_power)
+        torque = np.where(power == 0.0, 0.0, power / np.abs(flow.output_speed))
+        loss = torque * self._slip_at_output(effect, torque)
+        if self.pump_on_row:
+            slip = self._mechanical_slip(effect, flow.state)
+            loss = loss + flow.torques["mechanical"][-1] * slip
+        return np.asarray(loss)
 
     def _braced(self, state: ShaftState, output_speed: Array) -> dict[str, list[Array]]:
         """Torques of pump, engine and output paths where the pump braces the row."""

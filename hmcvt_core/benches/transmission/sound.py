@@ -237,7 +237,7 @@ def fit_sound_transmission(
         channels.append(
             replace(channel, misfit_spread=channel.misfit_spread / CLASS_TO_DRIFT)
         )
-    kinds: tuple[Any, ...] = (*WEAR, *shown_by(observed.points))
+    kinds: tuple[Any, ...] = (*WEAR, *shown_by(model, observed.points))
     return SoundTransmission(
         model=model,
         system=system,

@@ -278,17 +278,20 @@ def _missing_effects(
 ) -> tuple[AnyEffect, ...]:
     """Return the listed effects that a model has not, as far as the columns can show them."""
     present = {(effect.name, effect.form) for effect in model.effects}
-    kinds = shown_by(read)
+    kinds = shown_by(model, read)
     return tuple(kind() for kind in kinds if (kind.name, kind.form) not in present)
 
 
-def shown_by(read: Collection[str]) -> list[type[Effect]]:
-    """Return the listed effects that columns of these names can show."""
+def shown_by(model: EfficiencyModel, read: Collection[str]) -> list[type[Effect]]:
+    """Return the listed effects that columns of these names can show on a transmission."""
     has_oil_temperature = OIL_TEMPERATURE.name in read
+    # In one input-coupled stage a clutch ahead of the row slips as one at the output does.
+    is_apart = bool(model.other_stages) or model.stage.layout == "output_coupled"
     return [
         kind
         for kind in library()
-        if has_oil_temperature or not kind.needs_oil_temperature
+        if (has_oil_temperature or not kind.needs_oil_temperature)
+        and (is_apart or not kind.acts_at("mechanical_slip"))
     ]
 
 

@@ -353,6 +353,13 @@ class Effect(Parametrised):
         """
         return 0.0
 
+    def mechanical_slip(self, torque: Array) -> Value:
+        """Speed lost in a closed clutch of the mechanical path, ahead of the row [rad/s].
+
+        As `output_slip`, of a torque at the engine shaft [N m].
+        """
+        return 0.0
+
     def gear_loss(self, power: Array, speed: Array) -> Value:
         """Further part of `power` [W] that each gear pair loses [-]; `speed` in rad/s."""
         return 0.0

@@ -77,6 +77,9 @@ class EffectByRow(Effect):
     def output_slip(self, torque: Array) -> Value:
         return self._by_row("output_slip", np.zeros_like(torque), torque)
 
+    def mechanical_slip(self, torque: Array) -> Value:
+        return self._by_row("mechanical_slip", np.zeros_like(torque), torque)
+
     def gear_loss(self, power: Array, speed: Array) -> Value:
         return self._by_row("gear_loss", np.zeros_like(power), power, speed)
 

@@ -16,21 +16,14 @@ _TORQUE_REFERENCE = 400.0  # N m above the holding torque, at which a slip is st
 
 
 @dataclass(frozen=True)
-class ClutchSlip(Effect):
-    """slip = s ((T - T_hold) / 400 N m)^n above T_hold: a closed clutch creeps under load.
+class _ClosedClutch(Effect):
+    """slip = s ((T - T_hold) / 400 N m)^n above T_hold.
 
     Friction of wet clutches rises with sliding speed, so a clutch with too little pressure settles
-    at a slip instead of breaking away; n = 1 is a rise in proportion, more one that flattens. It
-    passes the torque of the output shaft; speed and power are lost by the same part. In overrun the
-    output runs ahead.
+    at a slip instead of breaking away; n = 1 is a rise in proportion, more one that flattens.
     """
 
-    name = "clutch_slip"
     component = "clutches"
-    summary = (
-        "a closed clutch slips under load: above a certain torque the output runs slower "
-        "than its gears"
-    )
     source = (
         "friction of wet clutches rises with sliding speed: Strobl et al. 2023, Forsch. "
         "Ingenieurwes. 87, 541"
@@ -43,7 +36,7 @@ class ClutchSlip(Effect):
     holding: float = shape(
         "N m",
         (60.0, 120.0, 240.0, 480.0, 960.0),
-        "torque of the output up to which the clutch holds",
+        "torque up to which the clutch holds",
     )
     exponent: float = shape("-", (1.0, 2.0, 3.0), "power of the torque above it")
     width: float = shape(
@@ -53,9 +46,47 @@ class ClutchSlip(Effect):
         limits=(0.03, 0.9),
     )
 
-    def output_slip(self, torque: Array) -> Value:
+    def _creep(self, torque: Array) -> Array:
         above = ramp(torque - self.holding, self.width * self.holding)
-        return self.slip * (above / _TORQUE_REFERENCE) ** self.exponent
+        return np.asarray(self.slip * (above / _TORQUE_REFERENCE) ** self.exponent)
+
+
+@dataclass(frozen=True)
+class ClutchSlip(_ClosedClutch):
+    """slip = s ((T - T_hold) / 400 N m)^n above T_hold: a closed clutch creeps under load.
+
+    It passes the torque of the output shaft; speed and power are lost by the same part. In overrun
+    the output runs ahead.
+    """
+
+    name = "clutch_slip"
+    summary = (
+        "a closed clutch slips under load: above a certain torque the output runs slower "
+        "than its gears"
+    )
+
+    def output_slip(self, torque: Array) -> Value:
+        return self._creep(torque)
+
+
+@dataclass(frozen=True)
+class MechanicalClutchSlip(_ClosedClutch):
+    """The same ahead of the planetary row, with the torque at the engine shaft.
+
+    Torques at a row stand in a fixed ratio. Input-coupled, the torque follows that of the output,
+    which runs slower as behind `ClutchSlip`. Output-coupled, it follows that of the pump, which
+    turns slower and delivers less.
+    """
+
+    name = "clutch_slip"
+    form = "mechanical path"
+    summary = (
+        "a closed clutch between engine and planetary row slips under load: the row runs slower "
+        "than its gears"
+    )
+
+    def mechanical_slip(self, torque: Array) -> Value:
+        return self._creep(torque)
 
 
 @dataclass(frozen=True)
