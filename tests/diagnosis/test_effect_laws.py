@@ -12,7 +12,12 @@ from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.base import Effect
-from hmcvt_core.physics.effects.clutches import BrakeDrag, ClutchSlip, GrippingClutch
+from hmcvt_core.physics.effects.clutches import (
+    BrakeDrag,
+    ClutchSlip,
+    GrippingClutch,
+    MechanicalClutchSlip,
+)
 from hmcvt_core.physics.effects.hydraulic import (
     InletStarvation,
     OilTemperature,
@@ -48,6 +53,7 @@ ACTING = [
     FanDrive(torque=8.0, start=60.0),
     AccessoryDrive(power=900.0),
     ClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
+    MechanicalClutchSlip(slip=8.0, exponent=1.0, holding=60.0),
     BrakeDrag(torque=10.0),
     GrippingClutch(torque=10.0, speed_ratio=1.2),
 ]
@@ -57,6 +63,7 @@ BEYOND = [
     FanDrive(torque=8.0, start=90.0),
     ClutchSlip(slip=8.0, exponent=1.0, holding=2000.0),
 ]
+OUTPUT_COUPLED = hmcvt.load_model(hmcvt.data_path("params/output_coupled.yaml"))
 # Files, stages and parts of the load that they carry.
 LAYOUTS = [
     ("hm4.yaml", "HM4", 1.0),
@@ -194,6 +201,76 @@ def test_a_closed_clutch_loses_speed_and_torque_stays(sense):
     )
     known = np.isfinite(slip)
     assert np.abs(slip[known]).max() > 0.5
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_a_clutch_on_either_side_of_the_row_slips_alike_input_coupled(exponent):
+    ratio = BASE.stage.mechanical_speed_ratio
+    ahead = MechanicalClutchSlip(slip=8.0, exponent=exponent, holding=60.0)
+    behind = ClutchSlip(
+        slip=8.0 * ratio ** (1.0 + exponent), exponent=exponent, holding=60.0 / ratio
+    )
+    read = _with(ahead).readings_at(POINTS)
+    assert np.nanmax(BASE.readings_at(POINTS)["efficiency"] - read["efficiency"]) > 0.01
+    for name, value in _with(behind).readings_at(POINTS).items():
+        np.testing.assert_allclose(read[name], value, rtol=1e-9)
+
+
+@pytest.mark.parametrize("stage", ["forward", "reverse"])
+def test_a_clutch_ahead_of_the_row_slows_the_pump_output_coupled(stage):
+    model = OUTPUT_COUPLED.stages[stage]
+    clutch = MechanicalClutchSlip(slip=8.0, exponent=2.0, holding=30.0)
+    points = POINTS._replace(load_torque=0.3 * POINTS.load_torque)
+    solver = BalanceSolver(model.stage, model.parameters, (clutch,))
+    shafts, flow = solver.flow(points)
+    per_engine, per_output = model.stage.pump_speed_ratios
+    pump = model.stage.pump_motor.pump_displacement * flow.state.displacement_ratio
+    # A row without losses, whose pump torque is braced by the engine.
+    torque = per_engine * pump * flow.state.pressure
+    slip = np.sign(torque) * clutch.mechanical_slip(np.abs(torque))
+    output = shafts.reflection * flow.output_speed
+    behind = per_engine * (points.engine_speed - slip) + per_output * output
+    known = np.isfinite(behind)
+    assert np.abs(slip[known]).max() > 0.1
+    np.testing.assert_allclose(flow.state.pump_speed[known], behind[known], rtol=1e-8)
+
+
+def test_a_clutch_ahead_of_the_row_competes_where_it_differs():
+    def is_listed(model):
+        forms = Transmission(model).library
+        return ("clutch_slip", "mechanical path") in {(f.name, f.form) for f in forms}
+
+    assert not is_listed(BASE)
+    assert is_listed(OUTPUT_COUPLED)
+    assert is_listed(hmcvt.load_model(hmcvt.data_path("params/tractor.yaml")))
+
+
+def test_a_clutch_ahead_of_the_row_is_no_leakage():
+    """Friction that rises with the logarithm of the slip: no form of the library."""
+
+    def creep(torque):
+        return 0.03 * np.expm1(np.minimum(torque / 40.0, 6.0))
+
+    model = OUTPUT_COUPLED.stages["forward"]
+    clutch = type(
+        "Creep", (Effect,), {"mechanical_slip": lambda self, torque: creep(torque)}
+    )
+    rng = np.random.default_rng(4)
+    points = random_points(4, 64)._replace(displacement_ratio=rng.uniform(0.3, 1.0, 64))
+    points = points._replace(load_torque=0.6 * points.load_torque)
+    read = replace(model, effects=(clutch(),)).readings_at(points)
+    lost = model.readings_at(points)["efficiency"] - read["efficiency"]
+    assert np.nanmax(lost) > 0.02
+    carried = np.isfinite(lost)
+    noise = 0.001 * rng.standard_normal((2, 64))
+    samples = hmcvt.BenchSamples(
+        *(axis[carried] for axis in points[:3]),
+        (read["efficiency"] + noise[0])[carried],
+        output_speed=(read["output_speed"] * (1.0 + noise[1]))[carried],
+    )
+    found = hmcvt.diagnose(model, samples, noise=0.001)
+    assert found.sets[0].effects == ("clutch_slip",)
+    assert found.causes[0].form == "mechanical path"
 
 
 def test_a_clutch_that_cannot_pass_the_load_has_no_answer():

@@ -71,11 +71,11 @@ class ClutchSlip(_ClosedClutch):
 
 @dataclass(frozen=True)
 class MechanicalClutchSlip(_ClosedClutch):
-    """The same ahead of the planetary row, with the torque at the engine shaft.
+    """slip = s ((T - T_hold) / 400 N m)^n at the engine shaft: a clutch ahead of the planetary row.
 
-    Torques at a row stand in a fixed ratio. Input-coupled, the torque follows that of the output,
-    which runs slower as behind `ClutchSlip`. Output-coupled, it follows that of the pump, which
-    turns slower and delivers less.
+    Torques at a row stand in a fixed ratio. Input-coupled, T follows the torque of the output,
+    which runs slower as behind `ClutchSlip`; output-coupled, T follows the torque of the pump,
+    which turns slower and delivers less.
     """
 
     name = "clutch_slip"
