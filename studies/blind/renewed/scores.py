@@ -156,6 +156,17 @@ LINES = (
     Line("single: in the first set", "", ("single",), class_first, oracle_contains),
     Line("single: exact", "", ("single",), exact_first, oracle_exact),
     Line("single: a false member leads", "", ("single",), false_member, oracle_false),
+    Line(
+        "pair, both visible: exact", "", ("pair",), exact_first, oracle_exact, visible
+    ),
+    Line(
+        "pair, both visible: among three",
+        "",
+        ("pair",),
+        among_three,
+        oracle_among_three,
+        visible,
+    ),
     Line("pair: exact", "at least 60 %", ("pair",), exact_first, oracle_exact),
     Line(
         "pair: among three", "at least 80 %", ("pair",), among_three, oracle_among_three
