@@ -631,7 +631,7 @@ def test_worked_example_of_the_diagnosis(hmcvt, workplace):
     output = followed(hmcvt, _worked_example(), 6)
     assert (workplace / "better.yaml").is_file()
     assert (
-        "model with charge pump (0.90 -> 0.50 points rms at samples left out) written to "
+        "model with charge pump (0.90 -> 0.50 points rms at held-out samples) written to "
         "better.yaml"
     ) in output
 
