@@ -99,6 +99,19 @@ def test_identify(hmcvt, arguments, words):
         ),
         (("optimum", *POINT[2:], "--output-speed", "100"), ("--hold output_speed",)),
         (
+            (
+                "optimum",
+                "--output-speed",
+                "120",
+                "--output-power",
+                "40kW",
+                "--params",
+                TRACTOR,
+                "--inside-domain",
+            ),
+            ("--inside-domain: the model does not state", "`hmcvt identify` wrote"),
+        ),
+        (
             ("optimum", *POINT, "--hold", "output_speed", "--output-speed", "100"),
             ("give one",),
         ),
