@@ -4,9 +4,9 @@
 from dataclasses import replace
 
 import pytest
+from cli.running import ROOT
 
 import hmcvt_core as hmcvt
-from cli.running import ROOT
 from hmcvt_core.diagnosis import NextTest, Region
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import LEADING_SET, Cause, CauseSet, Delivered

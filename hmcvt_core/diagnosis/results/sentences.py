@@ -139,9 +139,8 @@ def _no_gap_headline(outcome: Outcome) -> str:
     if no_gap < CAUSE_FOUND_PROBABILITY:
         return f"Bench and model agree with only {percent(no_gap)}: more tests would decide."
     if noise_decides(outcome.posterior.base_only.fit.observed):
-        return (
-            f"No gap shown; {outcome.gap.samples} samples and an assumed noise cannot rule one out."
-        )
+        samples = f"{outcome.gap.samples} samples"
+        return f"No gap shown; {samples} and an assumed noise cannot rule one out."
     return "Bench and model agree: nothing to look for."
 
 
