@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..design.advice import named
-from ..design.classes import with_probabilities
+from ..selection.classes import with_probabilities
 from ..settings import CAUSE_FOUND_PROBABILITY, LIKELY
 from ..statements.agreement import METERS, Look
 from ..statements.members import Member

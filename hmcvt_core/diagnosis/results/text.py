@@ -10,7 +10,7 @@ from typing import Any
 
 from ..design.advice import Advice, NextTest, test_in_words
 from ..design.advice import named as named
-from ..design.classes import with_probabilities
+from ..selection.classes import with_probabilities
 from ..settings import GAP_SIGNIFICANCE
 from ..statements.members import Member
 from ..system import Array
