@@ -340,8 +340,10 @@ class Services:
         """Return what the log and diagnostics say of an answer."""
         if "verdict" in answer:
             report = answer["report"] or f"not written: {answer['report_error']}"
-            cause = self._activity.gap["gap leading cause"]
-            return f"{answer['verdict']}, leading cause {cause}; report {report}"
+            leading = ""
+            if answer["causes"]:
+                leading = f", leading cause {self._activity.gap['gap leading cause']}"
+            return f"{answer['verdict']}{leading}; report {report}"
         if "file" not in answer:
             return "done"
         basis = f"{answer['samples']} samples, " if "samples" in answer else ""

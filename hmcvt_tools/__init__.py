@@ -2,8 +2,9 @@
 """Data in and results out of `hmcvt_core`: commands, tables and logs, reports, exports, missions.
 
 cli         the command `hmcvt`
+study       from a bench table and the gears to model, cause, next test and code
 report      pages and pictures of results
-export      the model as C, as an FMU, as maps for MATLAB
+export      the model as C, as an FMU, as maps for MATLAB, as a page that computes
 fleet       many logs in parallel
 mission     fuel over a work cycle: strategies, and the least possible
 estimation  output power, losses and drift from the bus of a machine

@@ -287,7 +287,7 @@ A cause that is withheld
         f"""4. {len(fresh.before)} fresh tests of the plant, by meters without errors:
 
      plant - model    {before:.2f} -> {after:.2f} points rms
-     gap removed      {100 * fresh.removed:.1f} % of its square; {_promise(found)}.{remark}
+     squared gap      {100 * fresh.removed:.1f} % removed, {_predicted(found)}.{remark}
 """
     )
     picture = folder / "withheld.png"
@@ -297,12 +297,12 @@ A cause that is withheld
     print(f"   Picture: {picture}\n   {drawn}\n")
 
 
-def _promise(found: hmcvt.Diagnosis) -> str:
+def _predicted(found: hmcvt.Diagnosis) -> str:
     """Return what the diagnosis said of the shrinkage before the seal was opened."""
     shrinkage = found.shrinkage
     if shrinkage.fraction is None:
-        return "the diagnosis promised nothing"
-    text = f"promised were {100 * shrinkage.fraction:.1f} %"
+        return "nothing predicted"
+    text = f"{100 * shrinkage.fraction:.1f} % predicted"
     if shrinkage.interval is None:
         return text
     low, high = shrinkage.interval

@@ -10,7 +10,9 @@ detection     whether there is a gap, and in which regions
 selection     explanations that compete, and their probabilities
 design        the next test; which effects a plan can distinguish
 statements    what the evidence supports, up to the verdict
+analysis      all that is inferred, before it is summarised
 results       the outcome: summary, shrinkage, text
+wording       numbers, probabilities and names in sentences and tables
 settings      every threshold, prior and count, with its source
 """
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .design.classes import ClassSet, EffectClass, merge_sets
 from .detection.regions import Regions
 from .detection.significance import Significance
 from .fitting.refit import Fit
+from .selection.classes import ClassSet, EffectClass, merge_sets
 from .selection.explanation import Explanation
 from .selection.posterior import Posterior, Weighted
 from .selection.prediction import Prediction

@@ -17,7 +17,6 @@ from dataclasses import replace
 from ..files.checks import require_seed
 from .analysis import Analysis, model_of, rms
 from .design.advice import Advice
-from .design.classes import find_classes
 from .design.next_test import advise, within_range
 from .detection.regions import candidate_regions
 from .detection.significance import significance
@@ -43,6 +42,7 @@ from .results.summary import (
     shared_errors_of,
 )
 from .results.where import regions_of
+from .selection.classes import find_classes
 from .selection.posterior import compute_posterior
 from .statements.agreement import agreement_of
 from .statements.members import members_of

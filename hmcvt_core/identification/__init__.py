@@ -2,7 +2,9 @@
 """Identification of the hydraulic parameters from bench samples.
 
 identify   samples in, a model out: `campaign` checks them, `annealing` and `criterion` fit
-refit      the model in service refined by new samples, as far as these determine it (`update`)
+problem    residuals and objective of candidate parameters; `side_by_side` searches from many starts
+refit      the model in service (`prior`) refined by new samples, as far as these determine it
+           (`update`), and judged on samples that it has not seen (`cross_validation`)
 robust     which samples belong together
 precision  standard errors; `profile` gives intervals, `misfit` what the model misses
 piecewise  the identification in two parts, as the paper has it

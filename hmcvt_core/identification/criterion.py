@@ -32,6 +32,10 @@ class Criterion(Protocol):
     def name(self) -> str:
         """The name in reports."""
 
+    @property
+    def meaning(self) -> str:
+        """How to read its value, one line for reports."""
+
     def value(self, predicted: Array, measured: Array, deviation: Array) -> Array:
         """Return the criterion.
 
@@ -63,6 +67,7 @@ class _WeightedSquares:
     """Mean of squared residuals by their variance: 1 for a true model."""
 
     name = "weighted squares"
+    meaning = "mean of residual^2 / noise^2; noise alone gives about 1"
 
     def value(self, predicted: Array, measured: Array, deviation: Array) -> Array:
         residuals = (predicted - measured) / deviation
@@ -84,6 +89,7 @@ class _Determination:
     """1 - RSQ, eq. (21)."""
 
     name = "1 - RSQ, eq. (21)"
+    meaning = "0 for a model that meets every sample"
 
     def value(self, predicted: Array, measured: Array, deviation: Array) -> Array:
         return determination_loss(predicted, measured)

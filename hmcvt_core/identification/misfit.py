@@ -181,6 +181,7 @@ def misfit_remarks(model: EfficiencyModel) -> list[str]:
     if model.misfit == 0.0 or model.provenance.get("misfit_noise") != NOT_KNOWN:
         return []
     return [
-        "the noise of the samples is not known, so that standard errors of the efficiency are "
-        f"those of a further reading: they hold a misfit of {100.0 * model.misfit:.2f} points"
+        "the noise of the samples is not known: the form error of "
+        f"{100.0 * model.misfit:.2f} points, and so the standard error of an efficiency, "
+        "includes it"
     ]

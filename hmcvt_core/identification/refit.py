@@ -30,6 +30,7 @@ from ..model.checks import require_model, require_samples
 from ..model.domain import AXES, Domain
 from ..model.model import EfficiencyModel
 from ..model.plausibility import gear_train_remarks
+from ..model.staged_samples import stage_of_each
 from ..transmission.parameters import PARAMETER_NAMES
 from ..transmission.ranges import Array, OperatingPoints
 from .campaign import MAX_SET_ASIDE, origin, set_aside_remarks
@@ -262,11 +263,13 @@ def refit(
             for a model in service that does not state its errors.
 
     Raises:
+        InputError: as of `stage_of_each`.
         IdentificationError: fewer operating points than parameters, or no answer at the samples.
     """
     require_model(served, "served")
     require_model(base, "base")
     require_samples(samples)
+    stage_of_each(served.stages, samples)  # raises where a sample names no known stage
     require_seed(seed)
     problem = RobustProblem(served, samples)
     _require_points(problem)

@@ -12,9 +12,15 @@ from ..files import picture, preformatted
 from ..files.bench import BenchSamples
 from ..model.model import EfficiencyModel
 from ..model.parameter_file import save_model
-from ..transmission.parameters import HydraulicParameters
+from ..transmission.parameters import (
+    PARAMETER_NAMES,
+    SEARCH_BOUNDS,
+    HydraulicParameters,
+    from_scaled,
+)
 from ..transmission.ranges import Array
 from ..transmission.stage import CM3_PER_REV
+from .criterion import CRITERIA
 from .piecewise import HydraulicRoots
 
 
@@ -161,23 +167,19 @@ class Identification:
         noun = "stage" if len(self.stages) == 1 else "stages"
         yield (
             f"{model.formulation}, {noun} {', '.join(self.stages)}: fitted to {len(self.samples)} "
-            f"samples, {self.objective_name} = {self.objective:.6g}"
+            f"samples, {self.objective_name} = {self.objective:.3g}"
         )
-        yield (
-            f"  (the annealing by itself reached {self.annealing_objective:.6g}; a local "
-            "search finished it)"
-        )
+        yield f"  ({CRITERIA[model.formulation].meaning})"
         intervals = model.parameter_intervals()
         for name, entry in self.parameters.to_mapping(self.standard_errors).items():
-            low, high = intervals[name]
             yield (
                 f"  {name:<14} {entry['value']:10.4g} +- "
                 f"{entry['standard_error']:.2g} {entry['unit']} "
-                f"(90 %: {low:.3g} to {high:.3g})"
+                f"(90 %: {_interval_text(name, *intervals[name])})"
             )
         if model.degrees_of_freedom is not None:
             yield (
-                "  (intervals of 90 % are those of Student's t with "
+                "  (90 % intervals are those of Student's t with "
                 f"{model.degrees_of_freedom:g} degrees of freedom)"
             )
         for stage in self.stages:
@@ -195,8 +197,8 @@ class Identification:
     def _error_lines(self) -> Iterator[str]:
         if self.model.misfit > 0.0:
             yield (
-                f"  misfit                   {100 * self.model.misfit:6.2f} points "
-                "(root mean square of what the model misses at samples left out)"
+                f"  form error               {100 * self.model.misfit:6.2f} points "
+                "(root mean square of what the model misses at held-out samples)"
             )
         yield (
             f"  error of the fit         {100 * self.fit_error:6.2f} % "
@@ -246,3 +248,21 @@ class Identification:
                 f"  {doubled} samples have a second root for eta_H, beyond the pole of "
                 "eq. (11); it was rejected"
             )
+
+
+def _interval_text(name: str, low: float, high: float) -> str:
+    """Return the interval of a parameter, whose ends at the limits of the search say nothing.
+
+    Args:
+        name: of the parameter.
+        low: end of the interval, in the unit of the parameter.
+        high: end of the interval, in the unit of the parameter.
+    """
+    lowest, highest = from_scaled(SEARCH_BOUNDS.T)[:, PARAMETER_NAMES.index(name)]
+    if low > lowest and high < highest:
+        return f"{low:.3g} to {high:.3g}"
+    if high < highest:
+        return f"below {high:.3g}"
+    if low > lowest:
+        return f"above {low:.3g}"
+    return "not determined"

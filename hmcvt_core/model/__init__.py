@@ -1,12 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """The efficiency model in a user's hands: lookup, optimum, map, domain, parameter file.
 
-model           `EfficiencyModel`, one or several stages with parameters and effects
-optimum         the working point that loses least, of a stage or of the drive line
-engine          the engine before the transmission: full-load curve and fuel map
-breakdown       where the power goes
-domain          where the data of a model reach
-accuracy        how far predictions are from measurements
-parameter_file  a model as YAML, with units and provenance
-plausibility    whether samples can be of this transmission (`signs`, `staged_samples`)
+model            `EfficiencyModel`, one or several stages with parameters and effects
+operating_point  stroke and load from what meters show
+intervals        intervals that standard errors stand for
+oil              what a model answers where the oil temperature is not known
+optimum          the working point that loses least, of a stage or of the drive line
+engine           the engine before the transmission: full-load curve and fuel map
+breakdown        where the power goes
+domain           where the data of a model reach
+accuracy         how far predictions are from measurements
+parameter_file   a model as YAML, with units and provenance
+measured_unit    what the test of a single pump or motor contributes to a model
+plausibility     whether samples can be of this transmission (`signs`, `staged_samples`)
+checks           whether arguments are models and samples; `part_checks`: stages and effects
 """

@@ -1013,7 +1013,7 @@ class EfficiencyModel:
             spread = "" if error is None else f" +- {error:.2g}"
             lines.append(f"  {name:<14} {entry['value']:.4g}{spread} {entry['unit']}")
         if self.misfit > 0.0:
-            lines.append(f"  {'misfit':<14} {self.misfit:.2g} -")
+            lines.append(f"  {'form error':<14} {self.misfit:.2g} -")
         for effect in self.effects:
             lines.append(f"  effect {effect.name}")
         return "\n".join(lines)

@@ -24,7 +24,8 @@ def stage_of_each(
         if len(stages) > 1:
             raise InputError(
                 f"{samples.source}: column stage is missing; the model has "
-                f"{', '.join(stages)} (`hmcvt import --stage COLUMN` takes it from a table)"
+                f"{', '.join(stages)}: add it to the bench file (`hmcvt import --stage "
+                "COLUMN` takes it from a table)"
             )
         return None
     unknown = np.flatnonzero(~np.isin(names, list(stages)))
@@ -32,8 +33,8 @@ def stage_of_each(
         first = int(unknown[0])
         raise InputError(
             f"{samples.source}: {samples.label(first)}: stage {str(names[first])!r} is "
-            f"not known to the model; there is {', '.join(stages)} (--params takes a model "
-            "that has it; `identify --transmission` makes one)"
+            f"not known to the model; there is {', '.join(stages)}: give a transmission or "
+            "parameter file that has it"
         )
     return np.asarray(names)
 

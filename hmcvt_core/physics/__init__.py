@@ -8,5 +8,4 @@ published     the formulas as the paper prints them, for comparison alone
 effects       what the base model leaves out
 readings      what a bench reads, one function for each channel
 point_losses  where the power goes at one point
-remainder     what physical terms leave of a sound machine
 """

@@ -77,14 +77,14 @@ READERS = "hmcvt.readers"
     "saved",
     type=common.OutputFile(),
     metavar="P.yaml",
-    help="Write the model that predicts samples left out best; see --empirical.",
+    help="Write the model that predicts held-out samples best; see --empirical.",
 )
 @click.option(
     "--empirical/--no-empirical",
     default=True,
     show_default=True,
     help="With --save-model: add what the effects leave as a smooth empirical remainder, where "
-    "that predicts samples left out better.",
+    "that predicts held-out samples better.",
 )
 @click.option(
     "--mission",
@@ -159,14 +159,14 @@ def diagnosis_answer(
 
 
 def _contents(diagnosis: Diagnosis) -> str:
-    """Return in words what the saved model holds, and its error at samples left out."""
+    """Return in words what the saved model holds, and its error at held-out samples."""
     delivered = diagnosis.delivered
     added = handed_over(diagnosis)
     if not added:
         return " without an effect"
     before = 100.0 * delivered.rmse_before
     after = 100.0 * delivered.rmse_after
-    errors = f"{before:.2f} -> {after:.2f} points rms at samples left out"
+    errors = f"{before:.2f} -> {after:.2f} points rms at held-out samples"
     return f" with {added} ({errors})"
 
 

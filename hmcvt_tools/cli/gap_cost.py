@@ -12,6 +12,8 @@ from ..mission.knowledge import in_transmission, worth
 from ..mission.result import DIESEL_DENSITY
 from .common import Answer
 
+_SHOWN = 0.0005
+"""Saving that three decimals show [l/h]."""
 _NO_CAUSE = "no cause is added to the model: there is nothing to price on the cycle"
 
 
@@ -52,7 +54,10 @@ def with_gap_cost(
     refitted = worth(drive, in_transmission(diagnosis.base, tractor), cycle)
     by_refit = given.saving - refitted.saving
     value = {**given.to_dict(), "saving_by_refit": by_refit}
-    line = f"A refit without the cause saves {by_refit / DIESEL_DENSITY:.3f} l/h by itself."
+    beyond = refitted.saving / DIESEL_DENSITY
+    line = "Knowing the cause saves no more than a refit without it."
+    if beyond >= _SHOWN:
+        line = f"Knowing the cause saves {beyond:.3f} l/h beyond a refit without it."
     return answer._replace(
         value={**answer.value, "mission": value},
         lines=[*answer.lines, given.report(), line],

@@ -272,16 +272,20 @@ def _written(
     out: str,
 ) -> list[str]:
     """Return the lines of an import that writes `out`."""
-    rows = []
-    for name, row in kept.items():
-        rows.append((name, row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}"))
-    lines = [_source_line(table)]
-    lines.append(common.table(("column", "unit", "lowest", "highest"), rows))
+    lines = [_source_line(table), _range_table(kept)]
     for line in imported.left_out:
         lines.append(f"left out: {line}")
     lines += imported.notes
     lines.append(f"{len(imported.samples)} bench samples written to {out}")
     return lines
+
+
+def _range_table(kept: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the lowest and highest value of every column as a table."""
+    rows = []
+    for name, row in kept.items():
+        rows.append((name, row["unit"], f"{row['low']:.4g}", f"{row['high']:.4g}"))
+    return common.table(("column", "unit", "lowest", "highest"), rows)
 
 
 def _text(column: Column) -> str:
@@ -361,7 +365,7 @@ def _refuse_open(table: RawTable, proposal: Proposal, explained: list[str]) -> N
 
 def _preview(imported: Imported) -> list[str]:
     """Return what an import would leave out, note and write."""
-    lines = []
+    lines = [_range_table(_summary(imported.samples))]
     for line in imported.left_out:
         lines.append(f"without {line}")
     lines += imported.notes

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from hmcvt_core.errors import HmcvtError
+from hmcvt_core.errors import HmcvtError, InputError
 from hmcvt_core.files.bench import read_bench
 from hmcvt_core.model.accuracy import mean_error
 from hmcvt_core.model.engine import load_engine
@@ -262,6 +262,11 @@ def _of_drive_line(
     engine = None
     if given["engine"] is not None:
         engine = load_engine(given["engine"])
+    if given["inside_domain"] and model.domain is None:
+        raise InputError(
+            "--inside-domain: the model does not state the range of its data; one that "
+            "`hmcvt identify` wrote does"
+        )
     best = model.optimal_drive(
         speed,
         power,

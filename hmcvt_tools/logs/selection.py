@@ -23,7 +23,15 @@ from hmcvt_core.transmission.units import UNITS, kind_of
 
 from ..tables.header import RawTable
 from ..tables.numbers import Style
-from ..tables.proposal import Column, Proposal, Question, named_column, option, propose
+from ..tables.proposal import (
+    BY_RANGE,
+    Column,
+    Proposal,
+    Question,
+    named_column,
+    option,
+    propose,
+)
 from ..tables.units import to_si
 from . import j1939
 from .joining import Joined, Joiner
@@ -301,7 +309,7 @@ def _with_log_questions(
     questions = list(proposal.questions)
     for quantity, column in columns.items():
         # A part without a unit is a fraction or in percent by its size.
-        is_guessed = column.why.startswith("range") and kind_of(quantity) != "part"
+        is_guessed = column.why.startswith(BY_RANGE) and kind_of(quantity) != "part"
         if is_guessed and quantity not in named:
             questions.append(_unit_question(quantity, column))
     open_names = [column.name for name, column in columns.items() if name not in named]

@@ -80,18 +80,27 @@ class Worth:
     def report(self) -> str:
         """Return the fuel as text."""
         lines = [
-            f"On the cycle {self.cycle} the gap costs {self.gap / DIESEL_DENSITY:+.2f} l/h "
-            f"({self.gap:+.3f} kg/h, {100.0 * self.gap / self.expected:+.1f} %) more than the "
-            "model says.",
-            "With the cause in the model the strategy chooses stage and engine speed better and "
-            f"needs {self.saving / DIESEL_DENSITY:.3f} l/h less "
-            f"({100.0 * self.lost_part:.2f} % of the fuel).",
+            f"On the cycle {self.cycle} the tractor needs {_in_litres(self.gap, 2)} than the model "
+            f"says ({self.gap:+.3f} kg/h, {100.0 * self.gap / self.expected:+.1f} %).",
+            "With the cause in the model, the choices of the strategy need "
+            f"{_in_litres(-self.saving, 3)} ({-100.0 * self.lost_part:+.2f} % of the fuel).",
         ]
         if self.unmet:
             lines.append(
                 f"{self.unmet} of {self.steps} steps cannot be driven and do not count."
             )
         return "\n".join(lines)
+
+
+def _in_litres(change: float, digits: int) -> str:
+    """Return a change of the fuel in words, such as `0.17 l/h more`.
+
+    Args:
+        change: [kg/h].
+        digits: behind the point.
+    """
+    more = "less" if change < 0.0 else "more"
+    return f"{abs(change) / DIESEL_DENSITY:.{digits}f} l/h {more}"
 
 
 def worth(

@@ -157,7 +157,7 @@ def how_far(diagnosis: Diagnosis) -> Measure:
     if diagnosis.verdict in ("no_gap", "excess_scatter"):
         return Measure(
             words.amount(diagnosis, gap.rmse),
-            "rms error of the refitted model at samples left out; the noise is "
+            "rms error of the refitted model at held-out samples; the noise is "
             f"{words.amount(diagnosis, gap.noise)}",
         )
     shrinkage = diagnosis.shrinkage
@@ -167,7 +167,7 @@ def how_far(diagnosis: Diagnosis) -> Measure:
         after = words.amount(diagnosis, delivered.rmse_after)
         return Measure(
             f"{before} \N{RIGHTWARDS ARROW} {after}",
-            "rms error at samples left out: of the refitted model, and of the saved "
+            "rms error at held-out samples: of the refitted model, and of the saved "
             "model",
         )
     before = words.amount(diagnosis, shrinkage.before)

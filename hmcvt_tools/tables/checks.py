@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hmcvt_core.transmission.ranges import Array
 
-from .proposal import Column
+from .proposal import BY_RANGE, Column
 from .shafts import plausible_exchange
 
 _SUSPECTS = (
@@ -263,7 +263,7 @@ def _mixed_units(
             f"oil_temperature is at least {np.nanmin(oil):.4g} deg C: is it in deg F?"
         )
     column = columns.get("efficiency")
-    if column is not None and column.why.endswith("range"):
+    if column is not None and column.why.endswith(BY_RANGE):
         middle = float(np.nanmedian(values["efficiency"]))
         if middle < _MIN_EFFICIENCY:
             problems.append(

@@ -40,6 +40,8 @@ _SPARE = (
     "output_torque",
 )
 _LOADS = ("load_torque", "output_torque")
+BY_RANGE = "values lie in the usual range"
+"""Reason of a unit that the table does not state."""
 _PERCENT_FROM = 60.0
 """Largest stroke in percent that some test exceeds: angles, millimetres and cm3 stay below it."""
 _NEUTRAL_OPEN = "is the pump in neutral at 0 or in the middle of the range"
@@ -391,14 +393,14 @@ def _candidate_of_numbers(name: str, meaning: Meaning, table: RawTable) -> _Cand
     if choice == _UnitChoice("%", "cells") and _percent_by_sign(name, table):
         choice = _UnitChoice("-", "cells, those with % in percent")
     doubt = _doubt(name, meaning, table.styles[name], choice)
-    if not doubt and choice.why == "range" and kind_of(quantity) == "torque":
+    if not doubt and choice.why == BY_RANGE and kind_of(quantity) == "torque":
         doubt = _unusual_unit_doubt(name, table)
     if quantity == "displacement_ratio" and not doubt:
-        if choice.why == "range":
+        if choice.why == BY_RANGE:
             doubt = _stroke_doubt(name, numbers.values)
         doubt = doubt or _neutral_doubt(name, choice.unit, numbers.values, table)
     fits = _mostly_in_range(quantity, choice.unit, numbers.values)
-    rank = _rank(fits, meaning, choice.why != "range")
+    rank = _rank(fits, meaning, choice.why != BY_RANGE)
     return _Candidate(
         name, quantity, choice.unit, choice.why, rank, doubt, numbers.values
     )
@@ -600,7 +602,7 @@ def _unit(quantity: str, meaning: Meaning, below: str, numbers: Numbers) -> _Uni
     size = float(np.nanquantile(np.abs(numbers.values), 0.9))
     for likely in _LIKELY_UNITS:
         if likely.kind == kind and likely.above < size <= likely.up_to:
-            return _UnitChoice(likely.unit, "range")
+            return _UnitChoice(likely.unit, BY_RANGE)
     return _UnitChoice()
 
 
@@ -750,7 +752,7 @@ def _same_speed_units(
     """
     engine = proposed.get("engine_speed") or given.get("engine_speed")
     output = proposed.get("output_speed")
-    if engine is None or output is None or output.why != "range":
+    if engine is None or output is None or output.why != BY_RANGE:
         return
     known = {*proposed, *given}
     confirmed = "output_torque" in known and bool(known & set(INPUTS))

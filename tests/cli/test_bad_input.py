@@ -76,6 +76,10 @@ def test_option_left_out(hmcvt, missing):
         (("--transmission", "none.yaml"), ("none.yaml", "No such file")),
         (("--transmission", HM4), ("hm4.yaml", "hmcvt-transmission/1")),
         (("--stage", "HM9"), ("HM9", "missing", "HM4")),
+        (
+            ("--params", TRACTOR, "--refine"),
+            ("column stage is missing", "H0, HM1", "add it to the bench file"),
+        ),
         (("--seed", "-1"), ("--seed", "x>=0")),
         (("--out", "/nowhere/p.yaml"), ("--out", "/nowhere is not a folder")),
         (("--out", "/"), ("--out", "is a folder")),
@@ -94,6 +98,19 @@ def test_identify(hmcvt, arguments, words):
             ("needs displacement_ratio (now) or output_speed",),
         ),
         (("optimum", *POINT[2:], "--output-speed", "100"), ("--hold output_speed",)),
+        (
+            (
+                "optimum",
+                "--output-speed",
+                "120",
+                "--output-power",
+                "40kW",
+                "--params",
+                TRACTOR,
+                "--inside-domain",
+            ),
+            ("--inside-domain: the model does not state", "`hmcvt identify` wrote"),
+        ),
         (
             ("optimum", *POINT, "--hold", "output_speed", "--output-speed", "100"),
             ("give one",),

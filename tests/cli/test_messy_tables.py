@@ -371,6 +371,8 @@ def test_a_messy_table_is_read_in_one_correction(hmcvt, tmp_path, make):
     shown = hmcvt("import", path, "--out", out, *correction)
     assert (shown.code, shown.err) == (0, "") and not out.exists(), shown
     assert "--yes takes the proposal" in shown.out
+    assert re.search(r"column +unit +lowest +highest\n", shown.out)
+    assert not re.search(r" range\n", shown.out.replace("the usual range", ""))
     skip = ("--skip-bad",) if "--skip-bad" in shown.out else ()
     done = hmcvt("import", path, "--out", out, "--yes", *correction, *skip)
     assert done.code == 0, done

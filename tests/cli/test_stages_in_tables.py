@@ -179,7 +179,9 @@ def test_the_shipped_table_is_identified_by_stage(hmcvt, tmp_path):
     for text in ("fitted, F1 (15)", "fitted, F3 (22)", "not drawn: 1 rejected"):
         assert text in drawn
     refused = hmcvt("diagnose", bench)
-    assert_refused(refused, "stage 'F2' is not known", "--params takes a model")
+    assert_refused(
+        refused, "stage 'F2' is not known", "give a transmission or parameter file"
+    )
 
 
 def test_stages_by_other_names_than_the_gears(hmcvt, tmp_path):

@@ -7,7 +7,7 @@ import re
 import pytest
 from diagnosis.campaigns import diagnosed
 
-from hmcvt_tools.cli import study as study_module
+from hmcvt_tools import study as study_module
 from hmcvt_tools.export.effect_tables import BoundError
 from hmcvt_tools.report.study import StudyFile, StudyStep, study_page
 from studies.gearbox import box

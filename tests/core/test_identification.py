@@ -190,6 +190,15 @@ def test_both_roots_are_found_and_one_is_sound(hm4, table2, test, efficiency, ex
     assert roots.consistent[0] > roots.rejected[0]
 
 
+def test_limits_of_the_search_are_no_interval(fitted):
+    report = fitted.report()
+    assert "(mean of residual^2 / noise^2; noise alone gives about 1)" in report
+    (leakage,) = [line for line in report.splitlines() if "leakage   " in line]
+    assert leakage.endswith("m3/(s Pa) (90 %: not determined)")
+    (damping,) = [line for line in report.splitlines() if "pump_damping   " in line]
+    assert "(90 %: below 0.25" in damping
+
+
 def test_rejected_roots_are_reported(fitted_published):
     assert [len(entry.rejected) for entry in fitted_published.roots] == [1, 1, 0, 1, 0]
     assert (

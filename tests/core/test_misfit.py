@@ -79,7 +79,8 @@ def test_standard_error_holds_the_misfit(model):
     )
     assert missing.efficiency(*POINT) == model.efficiency(*POINT)
     assert missing.fingerprint == model.fingerprint
-    assert "misfit" in missing.report() and "misfit" not in model.report()
+    assert "form error" in missing.report()
+    assert "form error" not in model.report()
 
 
 def test_standard_error_is_unknown_without_errors_of_the_parameters(model):
@@ -116,7 +117,7 @@ def test_identification_measures_the_misfit(model, hm4):
     assert fit.model.misfit == pytest.approx(WAVE, rel=0.2)
     assert fit.to_dict()["misfit"] == fit.model.misfit
     assert fit.model.provenance["misfit_noise"] == "stated"
-    assert "misfit" in fit.report()
+    assert "form error" in fit.report()
     fresh = bench(model, 500, seed=1, wave=WAVE)
     assert 0.9 <= coverage(fit.model, fresh) <= 1.0
     assert coverage(replace(fit.model, misfit=0.0), fresh) < 0.5
@@ -152,14 +153,14 @@ def test_repeated_points_state_the_noise(model, hm4):
     samples = bench(model, 30, wave=WAVE, stated=False, repeats=2)
     fit = hmcvt.identify(samples, stage=hm4, schedule=QUICK)
     assert fit.model.provenance["misfit_noise"] == "repeated points"
-    assert not any("further reading" in note for note in fit.warnings)
+    assert not any("noise of the samples" in note for note in fit.warnings)
 
 
 def test_misfit_holds_noise_that_is_not_known(model, hm4):
     samples = bench(model, stated=False)
     fit = hmcvt.identify(samples, stage=hm4, schedule=QUICK)
     assert fit.model.misfit == pytest.approx(NOISE, rel=0.25)
-    assert any("of a further reading" in note for note in fit.warnings)
+    assert any("noise of the samples is not known" in note for note in fit.warnings)
     assert 0.9 <= coverage(fit.model, bench(model, 500, seed=1)) <= 0.99
 
 

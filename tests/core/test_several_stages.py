@@ -169,8 +169,9 @@ def test_a_sample_without_its_stage_is_named():
             ask(TRACTOR, replace(samples, extra={}), noise=NOISE)
         with pytest.raises(
             hmcvt.InputError, match="sample 2: stage 'HM9' is not known to the"
-        ):
+        ) as refused:
             ask(TRACTOR, replace(samples, extra={"stage": wrong}), noise=NOISE)
+        assert "give a transmission or parameter file that has it" in str(refused.value)
     for ask in (hmcvt.diagnose, hmcvt.next_test):
         with pytest.raises(
             hmcvt.InputError, match="sample 2: stage 'HM1' is not known to"

@@ -13,9 +13,9 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.baseline import without_absent
 from hmcvt_core.benches.baseline.record import _without_gap
 from hmcvt_core.benches.transmission.change import shared_test_notes
-from hmcvt_core.diagnosis.design.classes import EffectClass, merge_sets
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
+from hmcvt_core.diagnosis.selection.classes import EffectClass, merge_sets
 from hmcvt_core.files.bench import joined
 from hmcvt_core.physics.effects.mechanical import BearingDrag, ChargePump, Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage

@@ -10,17 +10,17 @@ import pytest
 
 import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
-from hmcvt_core.diagnosis.design.classes import (
+from hmcvt_core.diagnosis.design.next_test import candidates_of, with_twins
+from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
+from hmcvt_core.diagnosis.fitting.refit import refit
+from hmcvt_core.diagnosis.results import text as words
+from hmcvt_core.diagnosis.selection.classes import (
     ClassSet,
     EffectClass,
     find_classes,
     merge_sets,
     with_probabilities,
 )
-from hmcvt_core.diagnosis.design.next_test import candidates_of, with_twins
-from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
-from hmcvt_core.diagnosis.fitting.refit import refit
-from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.selection.posterior import Posterior
 from hmcvt_core.diagnosis.statements.agreement import NOTHING_STATED
 from hmcvt_core.diagnosis.statements.verdict import word_of

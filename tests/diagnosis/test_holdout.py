@@ -83,4 +83,4 @@ def test_the_model_measured_is_the_model_saved():
             atol=1e-12,
         )
     text = found.report().replace("\n", " ")
-    assert "On samples held out, with planetary mesh added," in text
+    assert "On the holdout, with planetary mesh added," in text

@@ -4,7 +4,9 @@
 from dataclasses import replace
 
 import pytest
+from cli.running import ROOT
 
+import hmcvt_core as hmcvt
 from hmcvt_core.diagnosis import NextTest, Region
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import LEADING_SET, Cause, CauseSet, Delivered
@@ -133,6 +135,19 @@ def test_agreement_is_stated_no_more_surely_than_it_is_known():
     )
 
 
+def test_an_assumed_noise_rules_no_gap_out():
+    model = hmcvt.load_model(ROOT / "params" / "hm4.yaml")
+    found = hmcvt.diagnose(model, hmcvt.read_bench(ROOT / "data" / "table2.csv"))
+    assert found.verdict == "no_gap"
+    report = found.report()
+    assert report.startswith(
+        "No gap shown; 8 samples and an assumed noise cannot rule one out."
+    )
+    assert "\nverdict    no_gap\ngap        8 samples, " in report
+    assert " rms that noise may explain, p = 0." in report
+    assert "next step  State the noise, or repeat some points" in report
+
+
 def test_verdicts():
     nothing, band = diagnosed("nothing"), unexplained()
     assert (
@@ -157,14 +172,14 @@ def test_verdicts():
         ),
     )
     assert words.verdict(found).endswith(
-        "; charge pump (90 %) explains it. On samples left out, with charge pump added, 80 % of "
+        "; charge pump (90 %) explains it. On held-out samples, with charge pump added, 80 % of "
         "the squared gap is removed (60 to 90 %)."
     )
     pair = CauseSet(("charge_pump", "churning"), 0.85, 0.001, None)
     both = replace(
         found, causes=(replace(alone, together_with="churning"),), sets=(pair, one)
     )
-    assert "; charge pump + churning (85 %) explain it. On samples" in words.verdict(
+    assert "; charge pump + churning (85 %) explain it. On held-out" in words.verdict(
         both
     )
     assert words.mechanic(both).startswith("Probably charge pump and churning, about ")

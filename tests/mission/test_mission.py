@@ -9,7 +9,7 @@ import pytest
 import hmcvt_core as hmcvt
 from hmcvt_core.transmission.ranges import RPM
 from hmcvt_tools.mission import CYCLES, Drive, Limits, Planned, Vehicle, read_cycle
-from hmcvt_tools.mission.knowledge import in_transmission
+from hmcvt_tools.mission.knowledge import Worth, in_transmission
 from mission.drive_lines import COARSE, DRIVE, cycle, limits_hold
 
 SPEED_AND_POWER = "output_speed,output_power"
@@ -31,6 +31,20 @@ def test_energy_is_closed_and_no_limit_broken(name):
     assert not mission.unmet and not mission.broken and not mission.replaced
     assert limits_hold(mission, DRIVE.vehicle.limits)
     assert 0.0 <= mission.above_bound + 1e-12 <= 0.005
+
+
+@pytest.mark.parametrize(
+    ("expected", "needed", "words"),
+    [
+        (10.0, 9.97, "needs 0.04 l/h less than the model says (-0.030 kg/h, -0.3 %)."),
+        (10.0, 10.3, "needs 0.36 l/h more than the model says (+0.300 kg/h, +3.0 %)."),
+    ],
+)
+def test_what_knowledge_is_worth_in_words(expected, needed, words):
+    worth = Worth("ploughing", expected, needed, needed, unmet=0, steps=100)
+    first, second = worth.report().splitlines()
+    assert first == f"On the cycle ploughing the tractor {words}"
+    assert "need 0.000 l/h" in second
 
 
 def test_engine_line_needs_more_on_ploughing():

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hmcvt_core.benches.baseline.remainder import _matern_with_slopes, matern
 from hmcvt_core.benches.unit import diagnose_unit
 from hmcvt_core.benches.unit.sound import fit_sound_unit
-from hmcvt_core.physics.remainder import _matern_with_slopes, matern
 from studies.stability import differences
 
 from .test_served import pump

@@ -3,7 +3,7 @@
 
 `transmission.change` and `unit.change` use it: each has a sound machine of its own (`sound`).
 
-held        a sound machine, held: its model and a smooth remainder with its uncertainty
+held        a sound machine, held: its model and a smooth `remainder` with its uncertainty
 change      the `System` whose effects are changes since then
 comparison  from sound and later samples to the diagnosis of the change
 control     sound samples left out of the fit, which must come out as no change

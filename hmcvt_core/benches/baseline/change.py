@@ -29,8 +29,8 @@ from ...diagnosis.system import (
     Points,
     forms_of,
 )
-from ...physics.remainder import LeftOut
 from .growth import Growth
+from .remainder import LeftOut
 
 VISIBLE_DIFFERENCE = 9.0
 """Squared deviations by which two curves must differ to be distinguished: three deviations."""

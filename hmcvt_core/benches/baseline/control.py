@@ -16,8 +16,8 @@ from ...diagnosis.preparation import prepare
 from ...diagnosis.settings import GAP_SIGNIFICANCE
 from ...diagnosis.system import Array
 from ...errors import InputError
-from ...physics.remainder import LeftOut
 from .change import CLASS_TO_DRIFT, Change, SoundMachine, with_sound_uncertainty
+from .remainder import LeftOut
 
 CONTROL_FRACTION = 0.25
 """Fraction of the sound samples that is left out as a control.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.system import Array, Axis, Points
-from ...physics.remainder import LeftOut, Remainder
+from .remainder import LeftOut, Remainder
 
 FEWEST_CHANGED = 5
 """Fewest samples of a changed machine, as of any diagnosis."""

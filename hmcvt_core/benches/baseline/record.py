@@ -13,10 +13,10 @@ import numpy as np
 
 from ...diagnosis import Diagnosis
 from ...diagnosis.design.advice import NO_GAP_WORTH_A_TEST
-from ...diagnosis.design.classes import EffectClass
 from ...diagnosis.fitting.refit import refit
 from ...diagnosis.results.outcome import NAMING, Cause, CauseSet, keeping_base
 from ...diagnosis.results.summary import is_plausible_size
+from ...diagnosis.selection.classes import EffectClass
 from ...diagnosis.settings import (
     CAUSE_FOUND_PROBABILITY,
     INTERVAL_DEVIATIONS,

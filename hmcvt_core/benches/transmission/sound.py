@@ -4,7 +4,7 @@
 The model is refitted to the sound samples, with the effects that a diagnosis of them names. What it
 leaves of each channel is described by the base parameters, linearised around the refit, by the
 errors of the meters, and by a Gaussian process over the operating point
-(`hmcvt_core.physics.remainder`). Its uncertainty is that of the sound prediction.
+(`hmcvt_core.benches.baseline.remainder`). Its uncertainty is that of the sound prediction.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ...files.bench import BenchSamples
 from ...model.domain import Domain
 from ...model.model import EfficiencyModel
 from ...physics.effects.wear import LaminarLeakage, ViscousDamping
-from ...physics.remainder import Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT, Growth, HeldMachine, min_widths, stacked
+from ..baseline.remainder import Remainder, Training, fit_remainder
 from .base import gauge_errors, scaled_base
 from .channels import (
     DISPLACEMENT_RATIO,

@@ -11,7 +11,8 @@ negative:
 
 A further term of either sign in proportion to the ideal flow or torque stands for an error of the
 displacement, which is known to about one percent (ISO 8426). What the terms leave is smooth
-(`hmcvt_core.physics.remainder`). Prior sizes are the typical ones of the effects of the library.
+(`hmcvt_core.benches.baseline.remainder`). Prior sizes are the typical ones of the effects of the
+library.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ from ...physics.effects.wear import (
     UnreadOilTemperature,
     ViscousDamping,
 )
-from ...physics.remainder import Remainder, Training, fit_remainder
 from ..baseline import CLASS_TO_DRIFT, Growth, HeldMachine, min_widths, stacked
+from ..baseline.remainder import Remainder, Training, fit_remainder
 from ..transmission.channels import OIL_TEMPERATURE
 from .samples import UnitSamples, sign_of
 from .system import (

@@ -10,11 +10,11 @@ from enum import Enum
 from typing import Any
 
 from ...files import preformatted
+from ..selection.classes import EffectClass, merge_sets, with_probabilities
 from ..selection.search import Names
 from ..settings import MIN_TEST_GAIN
 from ..system import Axis
 from ..wording import listed, plain, probability, wrapped
-from .classes import EffectClass, merge_sets, with_probabilities
 
 NO_GAP_WORTH_A_TEST = "no gap worth a test"
 SETTLED = "settled"

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fitting.refit import Fit
+from ..selection.classes import EffectClass, merge_sets
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior
 from ..selection.prediction import Prediction
@@ -52,7 +53,6 @@ from .advice import (
     Label,
     NextTest,
 )
-from .classes import EffectClass, merge_sets
 
 _NOT_IN_THE_LIBRARY = (
     "look for a cause outside the library, where hmcvt diagnose estimates the largest "

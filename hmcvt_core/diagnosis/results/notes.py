@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis import Analysis, rms
 from ..detection.significance import significance
 from ..fitting.refit import Fit, refit
+from ..observations import Observations
 from ..selection.explanation import Explanation
 from ..settings import (
     METER_FAR_OFF,
@@ -80,7 +81,7 @@ def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
     channel = observed.channels[0]
     stated = observed.stated_noise
     estimated = rms(analysis.noise)
-    if observed.assumed and len(observed) < SMALL_CAMPAIGN:
+    if noise_decides(observed):
         return (_significance_if_stated(analysis),)
     ratio = estimated / stated
     lowest, highest = NOISE_AS_STATED
@@ -100,6 +101,11 @@ def _of_first_channel(analysis: Analysis) -> tuple[str, ...]:
         f"the noise was not stated; it looks like {channel.factor * estimated:.2g} {channel.unit}, "
         f"{ratio:.2f} times what is assumed: --noise {estimated:.2g} states that",
     )
+
+
+def noise_decides(observed: Observations) -> bool:
+    """Whether the noise is assumed, and too few samples distinguish it from a gap."""
+    return observed.assumed and len(observed) < SMALL_CAMPAIGN
 
 
 def _significance_if_stated(analysis: Analysis) -> str:

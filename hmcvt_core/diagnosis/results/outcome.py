@@ -11,8 +11,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..design.advice import Advice, NextTest
-from ..design.classes import ClassSet, EffectClass, merge_sets
 from ..observations import SESSION, Observations
+from ..selection.classes import ClassSet, EffectClass, merge_sets
 from ..selection.explanation import Explanation
 from ..selection.posterior import Posterior
 from ..settings import LIKELY, REGION_SIGNIFICANCE

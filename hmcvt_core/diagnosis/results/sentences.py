@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..design.advice import named
-from ..design.classes import with_probabilities
+from ..selection.classes import with_probabilities
 from ..settings import CAUSE_FOUND_PROBABILITY, LIKELY
 from ..statements.agreement import METERS, Look
 from ..statements.members import Member
 from ..system import Axis
 from ..wording import fixed, listed, percent, plain, probability
-from .notes import meters_far_off, parameters_far_off
+from .notes import meters_far_off, noise_decides, parameters_far_off
 from .outcome import BASE, Outcome, Region
 
 WIDE_FRACTION = 0.75
@@ -91,6 +91,10 @@ def needs_no_test(outcome: Outcome) -> bool:
 def next_step(outcome: Outcome) -> list[str]:
     """Return what to do next, one paragraph an entry; all reports say this and nothing else."""
     if needs_no_test(outcome):
+        if noise_decides(outcome.posterior.base_only.fit.observed):
+            return [
+                "State the noise, or repeat some points: then the samples decide it."
+            ]
         return ["No test is needed: there is no gap to explain."]
     if outcome.verdict == "excess_scatter" and outcome.scatter is not None:
         sensor = outcome.scatter.sensor or "what may have varied"
@@ -134,6 +138,9 @@ def _no_gap_headline(outcome: Outcome) -> str:
     no_gap = outcome.posterior.no_gap
     if no_gap < CAUSE_FOUND_PROBABILITY:
         return f"Bench and model agree with only {percent(no_gap)}: more tests would decide."
+    if noise_decides(outcome.posterior.base_only.fit.observed):
+        samples = f"{outcome.gap.samples} samples"
+        return f"No gap shown; {samples} and an assumed noise cannot rule one out."
     return "Bench and model agree: nothing to look for."
 
 
@@ -432,14 +439,14 @@ def _removed(outcome: Outcome) -> str:
     shrinkage = outcome.shrinkage
     if shrinkage.fraction is None:
         return "These samples do not show how far the gap would shrink."
-    kind = "held" if shrinkage.on == "holdout" else "left"
+    samples = "the holdout" if shrinkage.on == "holdout" else "held-out samples"
     added = handed_over(outcome)
     if not added:
         return (
-            "No model with more in it predicts samples left out better by more than chance: the "
+            "No model with more in it predicts held-out samples better by more than chance: the "
             "refitted base model is kept."
         )
-    on_samples = f"On samples {kind} out, with {added} added,"
+    on_samples = f"On {samples}, with {added} added,"
     if shrinkage.fraction <= 0.0:
         return f"{on_samples} the gap does not shrink yet."
     interval = ""

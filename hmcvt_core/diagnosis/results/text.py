@@ -10,7 +10,7 @@ from typing import Any
 
 from ..design.advice import Advice, NextTest, test_in_words
 from ..design.advice import named as named
-from ..design.classes import with_probabilities
+from ..selection.classes import with_probabilities
 from ..settings import GAP_SIGNIFICANCE
 from ..statements.members import Member
 from ..system import Array
@@ -93,13 +93,15 @@ def _gap_lines(outcome: Outcome) -> list[str]:
     limit = f"limit {GAP_SIGNIFICANCE:g}"
     if gap.significant and gap.p_value > GAP_SIGNIFICANCE:
         limit += ", but an explanation of all tests leaves no doubt"
+    size = "beyond the noise" if gap.significant else "that noise may explain"
     lines = [
-        f"gap        {gap.samples} samples, {before} rms beyond the noise, "
+        f"verdict    {outcome.verdict}",
+        f"gap        {gap.samples} samples, {before} rms {size}, "
         f"{p_is(gap.p_value)} ({limit})",
         f"noise      {amount(outcome, gap.noise)}; before the fit "
         f"{amount(outcome, gap.noise_stated)}: {gap.noise_source}",
-        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at samples "
-        f"left out{without}",
+        f"error      {amount(outcome, gap.rmse)} rms of the refitted model at held-out "
+        f"samples{without}",
         *_handed_over_lines(outcome),
     ]
     if outcome.scatter is not None and outcome.verdict != "excess_scatter":
@@ -122,7 +124,7 @@ def _handed_over_lines(outcome: Outcome) -> list[str]:
     before = amount(outcome, delivered.rmse_before)
     after = amount(outcome, delivered.rmse_after)
     return [
-        f"model      handed over with {added}: {before} -> {after} rms at samples left out"
+        f"model      handed over with {added}: {before} -> {after} rms at held-out samples"
     ]
 
 

@@ -1,6 +1,17 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects that the base model leaves out, each acting at its place in the power balance.
 
+base        the class of an effect, with the hooks that it overrides
+hydraulic   pump and motor: leakage, friction, ports, oil
+mechanical  drag on shafts, and mesh losses
+clutches    clutches and brakes that slip or drag
+actuator    errors of the stroke
+sensor      errors of torque meters and of the pressure gauge
+wear        growth of losses that the base model has
+empirical   a loss without a known cause, as a smooth function
+trial       an effect that you define, tried at a few points
+by_row      several sets of effects in one solution of the balance
+
 To add one, write a class in a module of your own: see `docs/add-an-effect.md`. It is known once its
 module is imported: by your program, by `load_effects`, or, in an installed package, through the
 entry-point group `hmcvt.effects`, name = module.

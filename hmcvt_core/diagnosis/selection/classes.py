@@ -24,8 +24,6 @@ import numpy as np
 
 from ..fitting.hypothesis import Hypothesis
 from ..fitting.refit import Fit, linearise
-from ..selection.posterior import Posterior
-from ..selection.search import Names
 from ..settings import (
     DECISIVE_SQUARED_DEVIATIONS,
     MANY_TESTS,
@@ -33,6 +31,8 @@ from ..settings import (
 )
 from ..system import Array, Effect, forms_of
 from ..wording import listed, plain, probability
+from .posterior import Posterior
+from .search import Names
 
 CLASS_FRACTION = 0.01
 """Fraction of its squared change that an effect may keep against another one of its class.
