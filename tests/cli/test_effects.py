@@ -1,6 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects of one's own, from a file or a package; in a process where a class would stay."""
 
+import gc
 import os
 import re
 import shlex
@@ -98,6 +99,25 @@ def test_an_effect_of_no_use_is_told(hmcvt, tmp_path, flow, words):
     (tmp_path / "mine.py").write_text(leaking(flow))
     done = hmcvt("predict", TABLE2, "--effects", tmp_path / "mine.py")
     assert_refused(done, words)
+    assert library() == before
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        ('    name = "charge_pump"\n', "have the same name and form = '': give yours"),
+        ("    pass\n", "no class of Effect with a name or form of its own"),
+    ],
+)
+def test_an_effect_that_would_be_ignored_is_told(hmcvt, tmp_path, own, words):
+    before = library()
+    (tmp_path / "mine.py").write_text(
+        "from hmcvt_core.physics.effects.mechanical import ChargePump\n\n"
+        f"class Stiffer(ChargePump):\n{own}"
+    )
+    done = hmcvt("diagnose", TABLE2, "--effects", tmp_path / "mine.py")
+    assert_refused(done, words)
+    gc.collect()
     assert library() == before
 
 

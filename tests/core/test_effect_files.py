@@ -81,9 +81,7 @@ def test_every_effect_is_read_at_its_limits(kind):
 
 def test_two_classes_of_one_name_are_refused_and_a_nameless_subclass_is_none():
     assert type(_read_beside(vars={})) is ChargePump
-    with pytest.raises(
-        hmcvt.InputError, match=r"of several classes: .*ChargePump.*Again"
-    ):
+    with pytest.raises(hmcvt.InputError, match=r"ChargePump and .*Again have the same"):
         _read_beside(vars={"name": "charge_pump"})
     gc.collect()  # a class stays in the library as long as it lives
     assert effect_from_mapping(torque(5.0)) == ChargePump(5.0)
@@ -92,7 +90,7 @@ def test_two_classes_of_one_name_are_refused_and_a_nameless_subclass_is_none():
 def _read_beside(vars):
     """Read an effect while a program has a subclass of it."""
     again = dataclass(frozen=True)(type("Again", (ChargePump,), vars))
-    assert (again in library()) == bool(vars)
+    assert vars or again not in library()
     return effect_from_mapping(torque(5.0))
 
 

@@ -5,6 +5,9 @@ Each published form is put into the balance. What counts is what it leaves after
 base, and of this the part that no form of its family makes.
 """
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,8 @@ from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.transmission.parameters import to_scaled
 
 from .campaigns import BASE, measure, random_points
+
+PAGE = (Path(__file__).parents[2] / "docs/diagnosis-method.md").read_text()
 
 
 def _as_effect(**hooks):
@@ -293,3 +298,6 @@ def test_a_family_spans_the_literature(left, name):
     assert len(parts) >= 2
     assert parts.mean() < 0.2
     assert parts.max() < 0.45
+    mean, worst = (f"{100.0 * part:.0f} %" for part in (parts.mean(), parts.max()))
+    (row,) = re.findall(rf"^\| `{name}` \|.*$", PAGE, re.M)
+    assert row.endswith(f"| {mean} | {worst} |")

@@ -168,7 +168,7 @@ def test_readings_turn_where_the_motor_comes_to_rest():
         "load_torque": np.full(181, 300.0),
     }
     hypothesis, theta = Hypothesis(SYSTEM), np.append(TRUE, 0.0)
-    _, speed, pressure = here = hypothesis.predict(theta, points)
+    _, speed, pressure, *_ = here = hypothesis.predict(theta, points)
     turning = hypothesis.local_variation(theta, points, CHANNELS, here)
     assert (turning[0] == 0.0).all()  # the noise of what is served is as stated
     standing = np.abs(speed / 150.0 - BASE.stage.mechanical_speed_ratio) < 0.005

@@ -64,6 +64,9 @@ def library(units: bool = False, changes: bool = False) -> tuple[type[Effect], .
     Args:
         units: whether those that only the bench of a single unit shows are included.
         changes: whether those that only a comparison with a sound machine shows are included.
+
+    Raises:
+        InputError: two classes have the same name and form.
     """
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
@@ -71,14 +74,32 @@ def library(units: bool = False, changes: bool = False) -> tuple[type[Effect], .
     classes = [
         effect
         for effect in _subclasses(Effect)
-        if effect.name
-        and effect.sizes()
-        and (units or not effect.unit_only)
-        and (changes or not effect.change_only)
-        and not {"name", "form"}.isdisjoint(vars(effect))
+        if effect.name and effect.sizes() and _is_own(effect)
     ]
     latest = {(effect.__module__, effect.__qualname__): effect for effect in classes}
-    return tuple(sorted(latest.values(), key=lambda effect: (effect.name, effect.form)))
+    by_form: dict[tuple[str, str], type[Effect]] = {}
+    for effect in latest.values():
+        other = by_form.setdefault((effect.name, effect.form), effect)
+        if other is not effect:
+            raise InputError(
+                f"effect {effect.name}: {_place(other)} and {_place(effect)} have the same name "
+                f"and form = {effect.form!r}: give yours another form"
+            )
+    return tuple(
+        by_form[key]
+        for key in sorted(by_form)
+        if (units or not by_form[key].unit_only)
+        and (changes or not by_form[key].change_only)
+    )
+
+
+def _is_own(effect: type[Effect]) -> bool:
+    """Whether a class states a name or a form of its own."""
+    return not {"name", "form"}.isdisjoint(vars(effect))
+
+
+def _place(effect: type[Effect]) -> str:
+    return f"{effect.__module__}.{effect.__qualname__}"
 
 
 @cache
@@ -107,21 +128,26 @@ def load_effects(source: str) -> None:
     found = [
         item
         for item in vars(module).values()
-        if isinstance(item, type) and issubclass(item, Effect) and item.name
+        if isinstance(item, type)
+        and issubclass(item, Effect)
+        and item.name
+        and not item.__module__.startswith(f"{__name__}.")
     ]
-    if not found:
-        raise InputError(f"{source}: holds no effect: no class of Effect with a name")
-    for kind in found:
-        if not kind.sizes():  # others derive from it; it is no effect itself
-            continue
-        try:
-            trial(kind)
-        except InputError as error:
-            # What is refused is no candidate, and the file can be loaded again once it is mended.
-            for refused in found:
-                refused.name = ""
-            sys.modules.pop(module.__name__, None)
-            raise InputError(f"{source}: {error}") from error
+    if not any(_is_own(kind) for kind in found):
+        raise InputError(
+            f"{source}: holds no effect: no class of Effect with a name or form of its own"
+        )
+    try:
+        for kind in found:
+            if kind.sizes():  # others derive from one without; it is no effect itself
+                trial(kind)
+        library()
+    except InputError as error:
+        # What is refused is no candidate, and the file can be loaded again once it is mended.
+        for refused in found:
+            refused.name = ""
+        sys.modules.pop(module.__name__, None)
+        raise InputError(f"{source}: {error}") from error
 
 
 def import_source(source: str) -> Any:
@@ -227,13 +253,5 @@ def _known(name: str, form: str, where: str) -> type[Effect]:
             f"{where}: effect = {name!r}, form = {form!r} is not known; "
             f"there is {', '.join(sorted({effect.name for effect in every}))}; {_WAYS}"
             + "".join(f"; cannot be loaded: {each}" for each in _plug_ins())
-        )
-    if len(found) > 1:
-        classes = ", ".join(
-            f"{effect.__module__}.{effect.__qualname__}" for effect in found
-        )
-        raise InputError(
-            f"{where}: effect = {name!r}, form = {form!r} is the name of several "
-            f"classes: {classes}"
         )
     return found[0]
