@@ -2,6 +2,8 @@
 """Bench campaigns simulated from the served model, with effects that the diagnoser is not told."""
 
 import functools
+import os
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -139,7 +141,20 @@ CASES = {
 }
 
 
+folder = None
+"""Where the processes of a run of tests leave what is `diagnosed`; None in a single process."""
+
+
 @functools.cache
 def diagnosed(name):
-    """The diagnosis of one of `CASES`, made once."""
-    return hmcvt.diagnose(BASE, campaign(seed=1, **CASES[name]), noise=NOISE)
+    """The diagnosis of one of `CASES`, made once for all processes of a run of tests."""
+    path = folder and folder / f"{name}.pickle"
+    if path and path.exists():
+        return pickle.loads(path.read_bytes())
+    found = hmcvt.diagnose(BASE, campaign(seed=1, **CASES[name]), noise=NOISE)
+    if path:
+        # Another process may make the same meanwhile.
+        whole = path.with_suffix(f".{os.getpid()}")
+        whole.write_bytes(pickle.dumps(found))
+        whole.replace(path)
+    return found

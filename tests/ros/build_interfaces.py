@@ -7,6 +7,7 @@ makes FOLDER/hmcvt_msgs, a Python package of the same messages and actions as `c
 of hmcvt_msgs, for the middleware of the wheels alone. With FOLDER on PYTHONPATH the node finds it.
 """
 
+import functools
 import json
 import os
 import subprocess
@@ -49,6 +50,10 @@ def generate(folder: Path) -> None:
     import rosidl_typesupport_fastrtps_c
     import rosidl_typesupport_introspection_c
     from rosidl_adapter import convert_to_idl
+    from rosidl_parser import parser
+
+    # Five generators parse each interface, which takes most of their time.
+    parser.get_ast_from_idl_string = functools.cache(parser.get_ast_from_idl_string)
 
     relative = []
     sources = sorted([*SOURCES.glob("msg/*.msg"), *SOURCES.glob("action/*.action")])

@@ -61,7 +61,7 @@ if not CORE_ONLY:
             return super().call(service, timeout)
 
 
-BUSY = 3.0
+BUSY = os.cpu_count() or 1
 """Load of the machine from which an idle priority gets nothing in the time of a test."""
 
 START_LIMIT = 120.0
@@ -267,9 +267,6 @@ class NodeUnderTest:
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
-    os.environ.pop(
-        "OPENBLAS_NUM_THREADS", None
-    )  # a node sets it itself, for its worker
     os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros-log"))
     return os.environ
 
@@ -338,6 +335,9 @@ def start_anywhere(
             "limits_at_run_time": True,
             **parameters,
         }
+        # A node sets it itself, for its worker.
+        variables = {**os.environ}
+        variables.pop("OPENBLAS_NUM_THREADS", None)
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
                 [
@@ -347,6 +347,7 @@ def start_anywhere(
                         arguments=("-r", f"__ns:={namespace}", *arguments),
                     ),
                 ],
+                env=variables,
                 stdout=log,
                 stderr=log,
             )

@@ -7,6 +7,7 @@ import shutil
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -240,10 +241,6 @@ def test_folder_is_free_although_a_forked_process_lives_on(tmp_path):
         os.close(asked)
 
 
-def scheduling():
-    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
-
-
 @pytest.mark.parametrize("shares", [False, True])
 def test_worker_of_a_real_time_program_is_none_itself(shares):
     worker = Worker()
@@ -252,8 +249,14 @@ def test_worker_of_a_real_time_program_is_none_itself(shares):
     except PermissionError:
         pytest.skip("needs the permission to set a real-time priority")
     try:
-        job = worker.submit(scheduling, 1024, shares=shares)
-        policy, nice = job.result(120.0)
+        # They import nothing, for which an idle priority may wait long.
+        policy, nice = (
+            worker.submit(job, 1024, shares=shares).result(120.0)
+            for job in (
+                partial(os.sched_getscheduler, 0),
+                partial(os.getpriority, os.PRIO_PROCESS, 0),
+            )
+        )
     finally:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         worker.kill(wait=True)
