@@ -226,8 +226,8 @@ Source: as of `HIGHEST_MISFIT`: its square leaves two digits of a prior of one.
 NO_ANSWER = 1e4
 """Deviations charged for each reading that a hypothesis cannot predict.
 
-Source: more than any misfit, an efficiency off by 1 at a noise of 1e-4; otherwise a refit to a large
-gap drops its worst points.
+Source: more than any misfit, an efficiency off by 1 at a noise of 1e-4; otherwise a refit to a
+large gap drops its worst points.
 """
 
 SIGNATURE_SIZE = 0.1
