@@ -223,11 +223,11 @@ HIGHEST_SENSITIVITY = 1e7
 Source: as of `HIGHEST_MISFIT`: its square leaves two digits of a prior of one.
 """
 
-NO_ANSWER = 1e4
+NO_ANSWER = 100.0
 """Deviations charged for each reading that a hypothesis cannot predict.
 
-Source: more than any misfit, an efficiency off by 1 at a noise of 1e-4; otherwise a refit to a
-large gap drops its worst points.
+Source: more than a usual misfit; a step of a refit charges at least the largest one, otherwise it
+drops the worst points of a large gap.
 """
 
 SIGNATURE_SIZE = 0.1

@@ -420,9 +420,15 @@ def line_search(
         aim: where the whole step ends, shape (p,).
         negligible: as of `refit`; a reduction by less than its square is none.
     """
-    start_squares = np.sum(objective.residuals(whitened, theta) ** 2)
-    sufficient = start_squares - negligible**2
     unanswered = whitened == NO_ANSWER
+    # An answer that is lost costs no less than the worst misfit.
+    charge = max(NO_ANSWER, np.abs(whitened).max())
+
+    def squares_at(whitened: Array, theta: Array) -> float:
+        charged = np.where(whitened == NO_ANSWER, charge, whitened)
+        return float(np.sum(objective.residuals(charged, theta) ** 2))
+
+    sufficient = squares_at(whitened, theta) - negligible**2
     lost_answer = False
     # Cases solved together take hardly longer than one.
     for parts in (STEP_PARTS[:1], STEP_PARTS[1:]):
@@ -432,8 +438,7 @@ def line_search(
         cases = [objective.hypothesis.case(trial) for trial in trials]
         of_trials = _whitened_cases(objective.hypothesis, observed, cases, trials)
         for trial, trial_whitened in zip(trials, of_trials, strict=True):
-            squares = np.sum(objective.residuals(trial_whitened, trial) ** 2)
-            if squares <= sufficient:
+            if squares_at(trial_whitened, trial) <= sufficient:
                 return _LineSearch(_Trial(trial, trial_whitened), lost_answer)
             newly_unanswered = (trial_whitened == NO_ANSWER) & ~unanswered
             lost_answer = lost_answer or bool(newly_unanswered.any())
