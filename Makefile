@@ -50,15 +50,16 @@ demo: $(VENV)/.ros
 	@$(BIN)/python examples/demo.py
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.withheld $(if $(SEED),--seed $(SEED))
 
-# The tests over ROS 2 mostly wait: among them there may be more workers than cores. The endurance trial
-# counts milliseconds and runs alone. The order is that of tests/conftest.py.
+# Nodes mostly wait: there may be more of them than cores. The endurance trial counts milliseconds and
+# runs alone. The order is that of tests/conftest.py.
 SHARED = --dist loadfile --no-loadscope-reorder --numprocesses
 test: $(VENV)/.dev system
 ifdef ARGS
 	$(BIN)/python -m pytest $(ARGS)
 else
-	$(BIN)/python -m pytest -rs $(SHARED) $$((2 * $$(nproc))) -m 'not long' --ignore=tests/soak
+	$(BIN)/python -m pytest -rs $(SHARED) auto -m 'not long' --ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
+	$(BIN)/python -m pytest $(SHARED) $$((2 * $$(nproc))) -m 'not long' tests/ros
 	$(BIN)/python -m pytest tests/soak
 endif
 endif

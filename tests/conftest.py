@@ -1,7 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 import os
 import signal
-from collections import defaultdict
 
 # NumPy reads it when it is imported. Tests run side by side: threads of one that wait for a core of
 # another take a third of its time.
@@ -47,14 +46,6 @@ def hmcvt():
 
 
 def pytest_collection_modifyitems(items):
-    # Files that take long begin first, lest one process works on alone at the end. Those over ROS 2
-    # mostly wait: spread evenly among the others, they leave the processors to these.
+    # Files that take long begin first, lest one process works on alone at the end.
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    groups = defaultdict(list)
-    for path in dict.fromkeys(item.path for item in items):
-        groups[path not in slow, path.parent.name == "ros"].append(path)
-    position = {}
-    for (is_quick, _), paths in groups.items():
-        for number, path in enumerate(paths):
-            position[path] = is_quick, number / len(paths)
-    items.sort(key=lambda item: position[item.path])
+    items.sort(key=lambda item: item.path not in slow)

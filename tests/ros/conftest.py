@@ -267,6 +267,9 @@ class NodeUnderTest:
 
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
+    os.environ.pop(
+        "OPENBLAS_NUM_THREADS", None
+    )  # a node sets it itself, for its worker
     os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros-log"))
     return os.environ
 
@@ -335,9 +338,6 @@ def start_anywhere(
             "limits_at_run_time": True,
             **parameters,
         }
-        # A node sets it itself, for its worker.
-        variables = {**os.environ}
-        variables.pop("OPENBLAS_NUM_THREADS", None)
         with (folder / "log").open("w") as log:
             process = subprocess.Popen(
                 [
@@ -347,7 +347,6 @@ def start_anywhere(
                         arguments=("-r", f"__ns:={namespace}", *arguments),
                     ),
                 ],
-                env=variables,
                 stdout=log,
                 stderr=log,
             )
