@@ -60,8 +60,10 @@ def test_kill_of_a_worker_ends_no_other_process():
     other.start()
     first, second = Worker(), Worker()
     try:
+        # With a share of a busy processor: an idle priority may wait long.
         jobs = [
-            worker.submit(wait_long, 1024, seconds=900) for worker in (first, second)
+            worker.submit(wait_long, 1024, shares=True, seconds=900)
+            for worker in (first, second)
         ]
         first.kill()
         with pytest.raises(BrokenProcessPool):
@@ -69,7 +71,8 @@ def test_kill_of_a_worker_ends_no_other_process():
         assert other.is_alive()
         assert second.exit_status is None and not jobs[1].done()
         # The first one has another process for its next job.
-        assert first.submit(abs_of, 1024, value=-3).result(250.0) == 3
+        job = first.submit(abs_of, 1024, shares=True, value=-3)
+        assert job.result(250.0) == 3
     finally:
         first.kill(wait=True)
         second.kill(wait=True)
