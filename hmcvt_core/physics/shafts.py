@@ -121,6 +121,11 @@ class Shafts(SteadyState):
             hook: [effect for effect in effects if effect.acts_at(hook)]
             for hook in _HOOKS
         }
+        # Braced by the pump, a clutch ahead of the row slows the pump instead of the output.
+        slips = ["output_slip"]
+        if stage.layout != "output_coupled":
+            slips.append("mechanical_slip")
+        self.slipping = [effect for effect in effects if effect.acts_at(*slips)]
         film: Value = 1.0
         self.viscosity: Value = 1.0
         if points.oil_temperature is not None:
@@ -454,7 +459,7 @@ class Shafts(SteadyState):
 
     def _output_speed(self, geared_speed: Array) -> Array:
         """Return the speed behind closed clutches; NaN where they cannot pass the load."""
-        if not self._slipping:
+        if not self.slipping:
             return geared_speed
         direction = np.sign(geared_speed)
         before = np.abs(geared_speed)
@@ -476,7 +481,7 @@ class Shafts(SteadyState):
 
     def _geared_speed(self, output_speed: Array) -> Array:
         """Return the speed before closed clutches."""
-        if not self._slipping:
+        if not self.slipping:
             return output_speed
         behind = np.abs(output_speed)
         return np.asarray(np.sign(output_speed) * (behind + self._slip(behind)))
@@ -486,16 +491,9 @@ class Shafts(SteadyState):
         power = self._output_power(behind)
         torque = np.where(power == 0.0, 0.0, np.abs(power) / behind)
         slip: Value = 0.0
-        for effect in self._slipping:
+        for effect in self.slipping:
             slip = slip + self._slip_at_output(effect, torque)
         return np.asarray(np.sign(power) * slip)
-
-    @property
-    def _slipping(self) -> list[Effect]:
-        """Effects of closed clutches that make the output slip."""
-        if self.pump_on_row:
-            return self.acting["output_slip"]
-        return self.acting["output_slip"] + self.acting["mechanical_slip"]
 
     def _slip_at_output(self, effect: Effect, torque: Array) -> Value:
         """Return the output speed that an effect takes under a torque of the output."""

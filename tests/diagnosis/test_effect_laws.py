@@ -10,6 +10,7 @@ import hmcvt_core as hmcvt
 from hmcvt_core.benches.transmission import Transmission, observe
 from hmcvt_core.diagnosis.fitting.hypothesis import Hypothesis
 from hmcvt_core.diagnosis.fitting.refit import refit, with_free_shapes
+from hmcvt_core.diagnosis.system import predict_cases
 from hmcvt_core.physics.balance import BalanceSolver
 from hmcvt_core.physics.effects.base import Effect
 from hmcvt_core.physics.effects.clutches import (
@@ -40,6 +41,7 @@ from hmcvt_core.physics.effects.mechanical import (
     ViscousOutputChurning,
 )
 from hmcvt_core.physics.effects.sensor import OutputTorqueZero
+from hmcvt_core.transmission.parameters import to_scaled
 
 from .campaigns import BASE, NOISE, campaign, measure, random_points
 
@@ -233,6 +235,28 @@ def test_a_clutch_ahead_of_the_row_slows_the_pump_output_coupled(stage):
     known = np.isfinite(behind)
     assert np.abs(slip[known]).max() > 0.1
     np.testing.assert_allclose(flow.state.pump_speed[known], behind[known], rtol=1e-8)
+
+
+@pytest.mark.parametrize("model", [BASE, OUTPUT_COUPLED], ids=["input", "output"])
+def test_clutches_on_either_side_are_solved_together_as_alone(model):
+    clutches = [
+        ClutchSlip(slip=5.0, exponent=1.0, holding=60.0),
+        MechanicalClutchSlip(slip=5.0, exponent=1.0, holding=60.0),
+    ]
+    system = Transmission(model)
+    base = np.append(
+        to_scaled(model.parameters.to_array()), np.zeros(len(system.base) - 3)
+    )
+    points = {
+        "displacement_ratio": np.array([0.4, 0.6, 0.9]),
+        "engine_speed": np.array([120.0, 150.0, 200.0]),
+        "load_torque": np.array([90.0, 120.0, 160.0]),
+    }
+    cases = [(base, (clutch,)) for clutch in clutches]
+    together = predict_cases(system, cases, points)
+    alone = [predict_cases(system, [case], points)[0] for case in cases]
+    assert np.isfinite(together).all()
+    np.testing.assert_allclose(together, np.stack(alone), rtol=1e-9)
 
 
 def test_a_clutch_ahead_of_the_row_competes_where_it_differs():
