@@ -121,11 +121,6 @@ class Shafts(SteadyState):
             hook: [effect for effect in effects if effect.acts_at(hook)]
             for hook in _HOOKS
         }
-        # Braced by the pump, a clutch ahead of the row slows the pump instead of the output.
-        slips = ["output_slip"]
-        if stage.layout != "output_coupled":
-            slips.append("mechanical_slip")
-        self.slipping = [effect for effect in effects if effect.acts_at(*slips)]
         film: Value = 1.0
         self.viscosity: Value = 1.0
         if points.oil_temperature is not None:
@@ -140,6 +135,11 @@ class Shafts(SteadyState):
             parameters.pump_damping * film,
         )
         super().__init__(stage, warmed, senses)
+        # Braced by the pump, a clutch ahead of the row slows the pump instead of the output.
+        slips = ["output_slip"]
+        if not self.pump_on_row:
+            slips.append("mechanical_slip")
+        self.slipping = [effect for effect in effects if effect.acts_at(*slips)]
         self.engine_speed = points.engine_speed
         self.load_power = points.load_torque * points.engine_speed
         self.idle = self.load_power == 0.0
