@@ -33,6 +33,7 @@ else:
     import rclpy
     from rcl_interfaces.srv import SetParameters
     from rclpy.context import Context
+    from rclpy.node import Node
     from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
     from ros_bench import command, send_table
@@ -43,6 +44,9 @@ else:
     from hmcvt_ros.parameters import PARAMETERS
 
 _numbers = itertools.count(1)
+
+ANCHORS: list["Node"] = []
+"""Nodes that hold their participant of DDS until the process ends."""
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
@@ -279,6 +283,9 @@ def participant() -> Iterator[Context]:
     """Yield a context of ROS; its nodes share a participant of DDS."""
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    # The participant goes with its last node. Where others of its domain came or went at that moment,
+    # Fast DDS has hung or crashed.
+    ANCHORS.append(Node("anchor", context=context, start_parameter_services=False))
     yield context
     context.try_shutdown()
 
