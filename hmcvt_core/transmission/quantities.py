@@ -199,6 +199,8 @@ class Quantity(Range):
         symbol: in formulas; empty for none.
         meaning: what it is, for the documentation.
         headings: of a table that name it, any of them.
+        words: of a heading, in any language, that mean this quantity and no other; its name is the
+            meaning that headings need or exclude. `words.WORDS` holds those that several share.
         stored: whether bench files hold it. The others only serve to compute what is stored.
         required: whether every bench file holds it.
         joint: whether a bench message states it, by the `position` of a joint of its name, instead
@@ -214,6 +216,7 @@ class Quantity(Range):
     symbol: str = ""
     meaning: str = ""
     headings: tuple[Heading, ...] = (Heading(),)
+    words: str = ""
     stored: bool = True
     required: bool = False
     joint: bool = True
@@ -431,7 +434,9 @@ QUANTITIES: tuple[Quantity, ...] = (
         kind="pressure",
         symbol="dp",
         meaning="pressure over the motor, high side minus low side",
-        headings=(Heading(excludes=("std", "feed", "engine", "oil", "output")),),
+        headings=(
+            Heading(excludes=("std", "charge_pressure", "engine", "oil", "output")),
+        ),
         # ISO 4409 class A: 0.5 % of the reading. Near zero a 40 MPa gauge resolves about
         # 0.05 MPa.
         channel=Reading(
@@ -458,7 +463,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         kind="pressure",
         symbol="p_c",
         meaning="pressure of the charge circuit; recorded with the test, no model reads it",
-        headings=(Heading(needs=("feed",), excludes=("std", "engine", "boost")),),
+        headings=(
+            Heading(needs=("charge_pressure",), excludes=("std", "engine", "boost")),
+        ),
+        words="feed boost speise speisedruck lade ladedruck fuelldruck gavage suralimentation "
+        "alimentation admission admision aspirazione sovralimentazione sobrealimentacion "
+        "\u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
         averaged=True,
     ),
 )

@@ -1,7 +1,8 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Words of headings and what they mean, in several languages.
 
-To add a language, add its words to `WORDS`.
+To add a language, add its words to `WORDS`, and to the entries of `QUANTITIES` that have words of
+their own.
 """
 
 import re
@@ -9,6 +10,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
 
+from .quantities import QUANTITIES
 from .units import plain_text
 
 WORDS: Mapping[str, str] = MappingProxyType(
@@ -54,9 +56,6 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "pump": "pump pumpe pompe pompa bomba hydropumpe \u6cf5 \u53d8\u91cf\u6cf5",
         "one_side": "high low hoch nieder hochdruck niederdruck hp lp hd nd haute basse "
         "alta baja bassa system \u7cfb\u7edf \u9ad8\u538b \u4f4e\u538b",
-        "feed": "feed boost speise speisedruck lade ladedruck fuelldruck "
-        "gavage suralimentation alimentation admission admision aspirazione "
-        "sovralimentazione sobrealimentacion \u8865\u6cb9 \u8865\u6cb9\u538b\u529b",
         "boost": "boost lade ladedruck suralimentation admission admision aspirazione "
         "sovralimentazione sobrealimentacion",
         "neutral": "of the at and de du des del della dell di la le les el il der die das am pro "
@@ -107,7 +106,10 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "\u9f7f\u5708 \u592a\u9633\u8f6e \u884c\u661f\u67b6 \u7535\u673a \u6da1\u8f6e \u8f66\u901f",
     }
 )
-"""Words by meaning, without accents; umlauts as two letters."""
+"""Words by meaning, without accents; umlauts as two letters.
+
+Words that mean one quantity alone are in its entry of `QUANTITIES`.
+"""
 
 COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -130,7 +132,8 @@ COMPOUNDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 def _dictionary() -> dict[str, tuple[str, ...]]:
     words: dict[str, tuple[str, ...]] = {}
-    for meaning, listed in WORDS.items():
+    own = ((quantity.name, quantity.words) for quantity in QUANTITIES)
+    for meaning, listed in (*WORDS.items(), *own):
         for word in listed.split():
             words[word] = (*words.get(word, ()), meaning)
     return words | dict(COMPOUNDS)

@@ -342,7 +342,7 @@ def _excluding(words: list[str], kind: str, means: Set[str]) -> str:
             against |= sides
     elif kind in SHAFT_KINDS:
         listed = _DIFFERENCE
-        against |= means & {"pump", "feed", "oil", "std"}
+        against |= means & {"pump", "charge_pressure", "oil", "std"}
         if kind == "power":
             listed = listed | _OF_THE_HYDRAULICS
     elif kind == "stroke":
@@ -474,7 +474,7 @@ def _meanings(words: list[str], kind: str) -> tuple[set[str], list[str]]:
     if kind in ("pressure", "temperature") and any(
         word.startswith(_FEED_STEMS) for word in lowered
     ):
-        means.add("feed")
+        means.add("charge_pressure")
     if kind == "pressure" and not _PORTS.isdisjoint(lowered):
         means.add("one_side")
     # A temperature of the gearbox or the hydraulics is that of their oil.

@@ -283,7 +283,7 @@ def participant() -> Iterator[Context]:
     """Yield a context of ROS; its nodes share a participant of DDS."""
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    # The participant goes with its last node. Where others of its domain came or went at that moment,
+    # The participant goes with its last node. Where others of its domain came or went just then,
     # Fast DDS has hung or crashed.
     ANCHORS.append(Node("anchor", context=context, start_parameter_services=False))
     yield context
