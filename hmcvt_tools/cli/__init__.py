@@ -3,6 +3,9 @@
 
 commands    names of all commands, exit codes
 common      what commands share; commands of other packages use it too
+
+The other modules hold one command each, or a few of a kind, as `point` and `gap`; `progress`,
+`outputs`, `quantities` and `samples` serve several of them.
 """
 
 import sys
