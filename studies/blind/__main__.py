@@ -22,6 +22,8 @@ from .bench.study import run as run_bench
 from .bench.study import save
 from .conditions import PARTS, cases
 from .loop import work
+from .renewed.judge import ERRORS
+from .renewed.scores import limits_table
 from .renewed.scores import report as renewed_report
 from .renewed.study import CHANNELS, paired
 from .renewed.study import cases as renewed_cases
@@ -29,6 +31,7 @@ from .renewed.study import page as renewed_page
 from .renewed.study import run as run_renewed
 from .scoring import goals, misses, report
 
+ALL_ERRORS = "errors"
 KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 
 
@@ -91,10 +94,10 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 )
 @click.option(
     "--without",
-    type=click.Choice([*PROPERTIES, *CHANNELS]),
+    type=click.Choice([*PROPERTIES, *CHANNELS, *ERRORS, ALL_ERRORS]),
     multiple=True,
-    help="Bench: a property to switch off; renewed: a column to leave out and to compare with; "
-    "may be given more than once.",
+    help="Bench: a property to switch off; renewed: a column, or the errors of base, meters or "
+    "both, to leave out and to compare with; may be given more than once.",
 )
 @click.option(
     "--kinds",
@@ -177,9 +180,17 @@ def _renewed(options: dict[str, Any], jobs: int, out: str | None) -> str:
     campaigns, seed = options["campaigns"], options["seed"]
     records = run_renewed(renewed_cases(campaigns, seed, kinds), jobs, path, progress)
     text = renewed_report(records)
+    fewer_errors = {}
     for name in options["without"]:
-        todo = renewed_cases(campaigns, seed, kinds, (name,), oracle=False)
-        text += "\n\n" + paired(records, run_renewed(todo, jobs, path, progress), name)
+        names = ERRORS if name == ALL_ERRORS else (name,)
+        todo = renewed_cases(campaigns, seed, kinds, names, oracle=False)
+        others = run_renewed(todo, jobs, path, progress)
+        if name in CHANNELS:
+            text += "\n\n" + paired(records, others, name)
+        else:
+            fewer_errors[name.replace("_", " ")] = others
+    if fewer_errors:
+        text += "\n\n" + limits_table(records, fewer_errors)
     if out is not None:
         save(Path(out), records)
     if options["page"] is not None:

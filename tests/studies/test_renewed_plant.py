@@ -14,13 +14,22 @@ from hmcvt_core.physics.effects import library
 from studies.blind import renewed
 from studies.blind.bench.layouts import Machine, settings_of
 from studies.blind.bench.programme import fresh_programme
-from studies.blind.renewed.campaign import KINDS, WRONG_SIGNS, make_campaign
+from studies.blind.renewed.campaign import (
+    KINDS,
+    WRONG_SIGNS,
+    make_campaign,
+    without_errors,
+)
 from studies.blind.renewed.day import TESTS, Heat
 from studies.blind.renewed.judge import draw, served
 from studies.blind.renewed.listed import OWN_FORMS
 from studies.blind.renewed.look import Look
 from studies.blind.renewed.oracle import ask
-from studies.blind.renewed.scores import false_member_table, score_table
+from studies.blind.renewed.scores import (
+    false_member_table,
+    limits_table,
+    score_table,
+)
 from studies.blind.renewed.study import cases, paired
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import UNLISTED
@@ -191,6 +200,31 @@ def record(kind, truth, classes, oracle, **more):
         "true_gap": 2.0,
         **more,
     }
+
+
+def test_a_campaign_is_read_anew_without_errors():
+    campaign = made("base_off", 5)
+    np.testing.assert_equal(without_errors(campaign).columns, campaign.columns)
+    exact = without_errors(campaign, base=True, meters=True)
+    assert not exact.truth.errors
+    stroke = exact.columns["displacement_ratio"]
+    np.testing.assert_array_equal(stroke, exact.settings.displacement_ratio)
+    true = exact.state.efficiency(exact.settings.engine_speed)
+    deviations = (exact.columns["efficiency"] - true) / exact.noise
+    assert np.sqrt(np.mean(deviations**2)) < 1.2
+    erring = without_errors(campaign, base=True)
+    read = (erring.columns["efficiency"] - true) / exact.noise
+    assert np.sqrt(np.mean(read**2)) > 1.4
+
+
+def test_limits_set_runs_with_fewer_errors_side_by_side():
+    wrong = record("single", ["churning"], ["gear_mesh"], ["churning"])
+    right = record("single", ["churning"], ["churning"], ["churning"])
+    text = limits_table([wrong], {"base errors": [right]})
+    (line,) = [line for line in text.splitlines() if line.startswith("| single: exact")]
+    cells = [cell.strip().split(" ")[0] for cell in line.split("|")[3:-1]]
+    assert cells == ["0/1", "1/1", "1/1"]
+    assert "library without base errors" in text
 
 
 def test_scores_set_the_oracle_next_to_the_library():

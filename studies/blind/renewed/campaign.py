@@ -150,6 +150,24 @@ def make_campaign(kind: str, seed: int, growth: float = 1.0) -> Campaign:
     return _measured(truth, programme, settings, seed)
 
 
+def without_errors(
+    campaign: Campaign, base: bool = False, meters: bool = False
+) -> Campaign:
+    """Return the tests of a campaign, read anew where errors are missing.
+
+    Hidden effects, settings and scatter stay.
+
+    Args:
+        campaign: to read anew.
+        base: whether the base is exact.
+        meters: whether the meters are exact but for their scatter.
+    """
+    truth = replace(campaign.truth, errors=()) if base else campaign.truth
+    return _measured(
+        truth, campaign.programme, campaign.settings, campaign.seed, exact_meters=meters
+    )
+
+
 def fresh_state(campaign: Campaign, tests: int) -> tuple[Programme, Settings, State]:
     """Return random tests of the same machine, without meters.
 
@@ -243,7 +261,11 @@ def _eased(machine: Machine, programme: Programme, settings: Settings) -> Settin
 
 
 def _measured(
-    truth: Truth, programme: Programme, settings: Settings, seed: int
+    truth: Truth,
+    programme: Programme,
+    settings: Settings,
+    seed: int,
+    exact_meters: bool = False,
 ) -> Campaign:
     """Read the meters of every test."""
     state = truth.whole.run(settings, programme.stage)
@@ -254,6 +276,8 @@ def _measured(
         state.output_torque,
         _stream(seed, _METERS),
     )
+    if exact_meters:
+        meters = meters.exact()
     oil = settings.oil_temperature
     engine = state.engine_torque
     output = state.output_torque

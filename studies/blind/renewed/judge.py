@@ -28,10 +28,14 @@ from studies.blind.renewed.campaign import (
     Campaign,
     fresh_state,
     make_campaign,
+    without_errors,
 )
 from studies.blind.renewed.look import Look, Visibility
 from studies.blind.renewed.oracle import ask
 from studies.blind.renewed.unlisted import Accessory
+
+#: Errors of base and meters that a campaign can be read without.
+ERRORS = ("base_errors", "meter_errors")
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Case:
         kind: of what it hides.
         seed: of everything.
         oracle: whether the oracle is asked too.
-        without: columns that are left out.
+        without: columns that are left out, and `ERRORS` that are missing.
     """
 
     kind: str
@@ -97,6 +101,8 @@ def served(
 def judge(case: Case) -> dict[str, Any]:
     """Make a campaign, have it diagnosed, and return how the answer compares with the truth."""
     campaign, look, seen = draw(case.kind, case.seed)
+    if not set(ERRORS).isdisjoint(case.without):
+        campaign = without_errors(campaign, *(name in case.without for name in ERRORS))
     model, samples = served(campaign, case.without)
     start = time.process_time()
     found = hmcvt.diagnose(model, samples)

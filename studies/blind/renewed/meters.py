@@ -1,7 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Meters of the renewed plant: every one has errors that it draws anew in each session."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -95,6 +95,21 @@ class Meters:
     gauge_zero: FloatArray
     stroke_deviation: float
     speed_deviation: float
+
+    def exact(self) -> "Meters":
+        """Return the same meters without errors, but for the scatter of their readings."""
+        none = np.zeros_like(self.stroke_scale)
+        return replace(
+            self,
+            engine=replace(self.engine, zero=none, gain=none, warmth=0.0),
+            output=replace(self.output, zero=none, gain=none, warmth=0.0),
+            stroke_scale=none,
+            stroke_zero=none,
+            engine_scale=none,
+            output_scale=none,
+            gauge_gain=none,
+            gauge_zero=none,
+        )
 
     @property
     def speed_scatter(self) -> float:

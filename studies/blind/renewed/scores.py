@@ -2,7 +2,7 @@
 """Scores of the campaigns of the renewed plant: the library, and the oracle next to it."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -205,6 +205,27 @@ def score_table(records: Sequence[Record]) -> str:
     rows = [line.cells(records) for line in LINES]
     head = ("", "goal", "library", "oracle", "library where the oracle is right")
     return table(head, [row for row in rows if row[2]])
+
+
+def limits_table(
+    records: Sequence[Record], runs: Mapping[str, Sequence[Record]]
+) -> str:
+    """Return what of the misses comes from errors of base and meters, and what the oracle leaves.
+
+    Args:
+        records: of a run with all errors.
+        runs: records of the same campaigns by the errors that are missing.
+    """
+    rows = []
+    for line in LINES:
+        if line.oracle is None:
+            continue
+        what, goal, library, oracle, _ = line.cells(records)
+        others = [line.cells(records_without)[2] for records_without in runs.values()]
+        if library:
+            rows.append((what, goal, library, *others, oracle))
+    heads = [f"library without {name}" for name in runs]
+    return table(("", "goal", "library", *heads, "oracle"), rows)
 
 
 def promise_table(records: Sequence[Record]) -> str:

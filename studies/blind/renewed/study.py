@@ -9,7 +9,7 @@ from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import FRESH_TESTS
 from studies.blind.bench.scores import Record, exact_first
 from studies.blind.renewed.campaign import KINDS, VERSION
-from studies.blind.renewed.judge import Case, judge
+from studies.blind.renewed.judge import ERRORS, Case, judge
 from studies.blind.renewed.scores import (
     VISIBLE,
     answered_accessory,
@@ -40,7 +40,7 @@ def cases(
         campaigns: number of campaigns.
         first_seed: of the first; the others count up.
         kinds: of campaign; empty for all.
-        without: columns to leave out.
+        without: columns to leave out, and `ERRORS` that are to be missing.
         oracle: whether the oracle is asked too.
     """
     for kind in kinds:
@@ -49,10 +49,10 @@ def cases(
                 f"kind {kind!r} does not exist, expected one of {list(KINDS)}"
             )
     for name in without:
-        if name not in CHANNELS:
+        if name not in (*CHANNELS, *ERRORS):
             raise InputError(
-                f"column {name!r} cannot be left out of the renewed plant, "
-                f"expected one of {CHANNELS}"
+                f"{name!r} cannot be left out of the renewed plant, "
+                f"expected one of {(*CHANNELS, *ERRORS)}"
             )
     turns = _turns(kinds or tuple(KINDS))
     work = [
