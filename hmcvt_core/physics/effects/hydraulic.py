@@ -184,25 +184,6 @@ class ReliefValve(Effect):
 
 
 @dataclass(frozen=True)
-class ReliefValveOrifice(ReliefValve):
-    """q = c (|dp| - p_crack) sqrt(|dp| / 20 MPa) above p_crack: an opening that grows with dp."""
-
-    form = "orifice"
-    summary = (
-        "a relief valve opens too early: oil escapes above a certain pressure, the faster the "
-        "higher the pressure"
-    )
-    source = (
-        "area in proportion to the pressure above the setting, flow through it with the root of "
-        "the pressure: Simscape Fluids, Pressure Relief Valve; orifices: Merritt 1967, 3"
-    )
-
-    def leakage_flow(self, state: ShaftState) -> Value:
-        root = np.sqrt(np.abs(state.pressure) / PRESSURE_REFERENCE)
-        return super().leakage_flow(state) * root
-
-
-@dataclass(frozen=True)
 class InletStarvation(Effect):
     """q = x V |eps|^(1-m) (w |eps|^m - w_full) above w_full: cylinders that pump do not fill.
 
