@@ -67,7 +67,7 @@ def golden(model):
     "name",
     [
         "tractor",
-        "output_coupled",
+        pytest.param("output_coupled", marks=pytest.mark.long),
         # As a stage of the tractor.
         pytest.param("hm4", marks=pytest.mark.long),
         pytest.param("hydrostatic", marks=pytest.mark.long),
@@ -87,7 +87,9 @@ def test_answers_in_the_browser_are_those_of_python(name, tmp_path):
 
 @needs_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tractor", "output_coupled"])
+@pytest.mark.parametrize(
+    "name", ["tractor", pytest.param("output_coupled", marks=pytest.mark.long)]
+)
 def test_losses_by_part_are_those_of_python(name, tmp_path):
     model = shipped(name)
     points = []

@@ -59,6 +59,7 @@ def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
         pass
 
 
+@pytest.mark.long
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(
     cluster, logs, monkeypatch
 ):

@@ -105,7 +105,9 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     }
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL]
+)
 def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     running = start(
         "fleet", logs, "--out", tmp_path, "--processes", "2", start_new_session=True

@@ -41,7 +41,9 @@ def test_sound_against_sound_and_grown_leakage():
     assert worn["baseline"]["control"]["verdict"] == "no_gap"
 
 
-@pytest.mark.parametrize("rows", [12, 24, 48, 100])
+@pytest.mark.parametrize(
+    "rows", [12, *(pytest.param(n, marks=pytest.mark.long) for n in (24, 48)), 100]
+)
 def test_a_leak_is_named_with_few_rows_and_with_many(rows):
     """The rest that no form explains is judged against the change, not against the noise alone."""
     leaking = pump(6, levels=10, bypass=1e-4)
@@ -89,6 +91,7 @@ def test_a_drain_meter_or_a_motor_that_differs_today_is_no_wear():
     assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
 
 
+@pytest.mark.long
 def test_channels_that_are_added_do_not_hide_a_leak():
     sound = with_drain_and_power(pump(2, rubbing=4.0))
     leaking = pump(4, further=1.0, rubbing=4.0)

@@ -149,6 +149,7 @@ def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     assert_refused(done, told)
 
 
+@pytest.mark.long
 def test_leakage_falling_with_speed(tmp_path):
     speed, pressure = grid()
     flow = 4e-12 * pressure * 1e5 * (100.0 / (speed * TURN / 60.0)) ** 1.5
