@@ -302,7 +302,7 @@ WRITES = {
     ),
     "breakdown": (*POINT, "--picture", "losses.svg"),
     "diagnose": (TABLE2, "--report", "report.pdf", "--save-model", "d.yaml"),
-    "next": (TABLE2, "--noise", "0.0085", "--limits", TABLE2),
+    "next": (TABLE2, "--noise", "0.05", "--limits", TABLE2),
     "separable": (TABLE2, "--output-speed", "--pressure"),
 }
 

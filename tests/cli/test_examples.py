@@ -60,6 +60,8 @@ RUN_BY_TEST_LONG = (
     "diagnose data/simulated.csv --noise",
     "diagnose data/simulated.csv --report",
     "diagnose data/simulated.csv --save-model",
+    "diagnose-system examples/electric_drive.py:system data/electric_drive.csv --noise",
+    "estimate season",
     "fleet",
     "next stages.csv",
 )
@@ -69,7 +71,6 @@ REPEATED = (
     "diagnose data/simulated.csv --picture gap.png",
     "diagnose data/table2.csv",
     "diagnose data/table2.csv --noise 0.0085",
-    "estimate season --params params/tractor.yaml --processes 2",
     "mission ploughing --bound",
     "mission transport --strategy engine_line --compare --report mission.html",
     "next bench.csv --noise 0.004",
@@ -582,6 +583,7 @@ def followed(hmcvt, page, least):
     return output
 
 
+@pytest.mark.long
 def test_tutorial(hmcvt, workplace):
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     (workplace / "mine.yaml").unlink()

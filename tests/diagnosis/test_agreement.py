@@ -61,9 +61,8 @@ def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, se
     assert answer["time_scale"] == time_scale
 
 
-@pytest.mark.parametrize(
-    "seed", [95200011, pytest.param(95200071, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [95200011, 95200071])
 def test_a_meter_whose_zero_leaves_its_class_is_no_agreement(seed):
     case = Case("torque meter", "session", True, seed)
     samples, _, zero_ratio = measured(case)

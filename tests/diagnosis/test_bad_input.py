@@ -45,7 +45,7 @@ def test_all_samples_at_one_point():
     ("column", "value", "effects"),
     [
         pytest.param("displacement_ratio", 0.0, (), marks=pytest.mark.long),
-        ("oil_temperature", 60.0, ()),
+        pytest.param("oil_temperature", 60.0, (), marks=pytest.mark.long),
         ("load_torque", 200.0, (ChargePump(8.0),)),
     ],
 )

@@ -237,6 +237,7 @@ def test_a_class_holds_the_effects_that_are_the_same_curve(worn):
     assert [item.probability for item in merged] == pytest.approx([0.8])
 
 
+@pytest.mark.long
 def test_a_faulty_baseline_is_diagnosed_first():
     churned = (Churning(torque=25.0),)
     faulty = bench(churned, seed=1000, n=64)

@@ -418,6 +418,7 @@ def test_small_loss_next_to_a_set(part, verdict):
     assert any("smaller loss" in note for note in found.notes) == (part < 1.0)
 
 
+@pytest.mark.long
 def test_unexplained_channel_is_unlisted():
     some = SIMULATED.select(np.arange(48))
     slip = 1.0 - 0.02 * (np.abs(some.displacement_ratio - 0.25) < 0.15)

@@ -423,6 +423,7 @@ def test_a_leak_with_the_oil_follows_its_fluidity(viscous, plain):
     assert efficiency(viscous, None) == pytest.approx(warm)
 
 
+@pytest.mark.long
 def test_a_leak_is_named_on_a_warming_bench():
     """The oil is Vogel's and the gap opens by a cubic law: no form of the library."""
     points = random_points(6, 64)

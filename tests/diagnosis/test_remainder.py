@@ -147,6 +147,7 @@ def test_cause_leaves_less_than_the_base():
     assert diagnosis.model.misfit < 0.3 * diagnosis.base.misfit
 
 
+@pytest.mark.long
 def test_misfit_of_the_model_given_is_not_inherited():
     given = replace(BASE, misfit=0.1)
     diagnosis = hmcvt.diagnose(given, campaign(seed=3, noise=NOISE), noise=NOISE)

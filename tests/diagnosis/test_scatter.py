@@ -12,7 +12,14 @@ from hmcvt_core.diagnosis.selection.explanation import explain, scattered
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
+from .campaigns import (
+    BASE,
+    NOISE,
+    campaign,
+    fitted,
+    measure,
+    random_points,
+)
 
 pytestmark = pytest.mark.slow
 

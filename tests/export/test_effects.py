@@ -139,6 +139,7 @@ def test_too_small_a_bound_names_one_that_is_attainable(tmp_path, monkeypatch):
     assert accuracy.bound <= float(attainable)
 
 
+@pytest.mark.long
 def test_the_stage_with_the_largest_error_decides_what_is_attainable(
     tmp_path, monkeypatch
 ):

@@ -34,9 +34,7 @@ def test_broken_logs_are_told_and_stop_nothing(hmcvt, logs, tmp_path):
     (folder / "notes.txt").write_text("hello")
     (folder / "folder.csv").mkdir()
     (folder / ".hidden.csv").write_text("")
-    done = hmcvt(
-        *("fleet", folder, "--out", out, "--processes", "1", "--no-diagnose", "--json")
-    )
+    done = hmcvt("fleet", folder, "--out", out, "--processes", "1", "--json")
     assert done.code == 3
     found = done.json
     assert [entry["log"] for entry in found["logs"]] == ["unit7/run1.CSV"]

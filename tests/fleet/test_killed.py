@@ -95,7 +95,7 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(out.glob("*.json")))
     assert 1 <= kept < len(list(many.iterdir()))
-    rest = hmcvt(*arguments, "2", "--json")
+    rest = hmcvt(*arguments, "1", "--json")
     assert rest.json["counts"]["finished_before"] == kept
     # As of the logs, but for their names.
     assert results(out) == {

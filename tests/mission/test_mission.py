@@ -22,9 +22,7 @@ def planned(demand, drive=DRIVE):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(
-            name, marks=[pytest.mark.long] * (name not in ("sowing", "loader"))
-        )
+        pytest.param(name, marks=[pytest.mark.long] * (name != "sowing"))
         for name in CYCLES
     ],
 )

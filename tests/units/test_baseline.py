@@ -85,6 +85,7 @@ def with_drain_and_power(unit, further=0.0, zero=0.0, efficiency=0.90):
     return replace(unit, drain_flow=drain + zero, electric_power=power)
 
 
+@pytest.mark.long
 def test_a_drain_meter_or_a_motor_that_differs_today_is_no_wear():
     sound = with_drain_and_power(pump(2, rubbing=4.0))
     later = with_drain_and_power(pump(4, rubbing=4.0), zero=1e-6, efficiency=0.895)
@@ -101,6 +102,7 @@ def test_channels_that_are_added_do_not_hide_a_leak():
     assert diagnosis.sets[0].effects == ("laminar_leakage",)
 
 
+@pytest.mark.long
 def test_same_seed_same_answer():
     answers = [
         diagnose_unit(pump(3, further=2.0), baseline=pump(2), seed=5).to_dict()

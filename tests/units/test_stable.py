@@ -45,6 +45,7 @@ def test_last_digits_change_no_prediction(seed):
         assert np.abs((other - predicted[0]) / scale).max() < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("squeezed", "axis"),
     [(0.0, "speed"), (1.5, "pressure")],

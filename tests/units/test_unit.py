@@ -64,7 +64,7 @@ def test_terms_of_the_paper(tmp_path):
     [
         pytest.param(("compressibility",), 6, marks=pytest.mark.long),
         pytest.param(("pressure_leakage",), 7, marks=pytest.mark.long),
-        (("reference_displacement",), 6),
+        pytest.param(("reference_displacement",), 6, marks=pytest.mark.long),
         (("constant_torque", "orifice_leakage"), 7),
     ],
     ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each),
