@@ -16,7 +16,7 @@ from cli.running import ROOT
 
 import hmcvt_core as hmcvt
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_maps")]
+pytestmark = pytest.mark.usefixtures("coarse_maps")
 
 EXAMPLES = ROOT / "examples"
 

@@ -17,8 +17,6 @@ from studies.watch import stream, well_known
 
 from .running import HM4, POINT, ROOT, TABLE2, assert_refused
 
-pytestmark = pytest.mark.slow
-
 HERE = (0.5, 1400 * RPM, 200.0)
 
 

@@ -15,8 +15,6 @@ from studies.driver import Case, judge, measured
 
 from .campaigns import BASE, NOISE, campaign, fitted, with_column
 
-pytestmark = pytest.mark.slow
-
 
 def test_readings_agree_with_the_noise_they_have():
     agreement = agreement_of(fitted(campaign(seed=8)))

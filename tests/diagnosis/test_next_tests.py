@@ -32,8 +32,6 @@ from hmcvt_core.physics.effects.mechanical import (
 )
 from hmcvt_core.transmission import ranges
 
-pytestmark = pytest.mark.slow
-
 AXES = ("displacement_ratio", "engine_speed", "load_torque")
 EFFECTS = {
     "nothing": (),

@@ -13,8 +13,6 @@ from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, campaign, diagnosed, random_points
 
-pytestmark = pytest.mark.slow
-
 NOISE = 0.004
 
 

@@ -21,8 +21,6 @@ from .campaigns import (
     random_points,
 )
 
-pytestmark = pytest.mark.slow
-
 
 def _with_a_pump(stated, noise=NOISE):
     samples = campaign((ChargePump(20.0),), seed=4, noise=noise)

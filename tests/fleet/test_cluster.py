@@ -16,8 +16,6 @@ from hmcvt_tools.fleet.run import Study
 
 from .fleets import WORK, results
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def cluster():

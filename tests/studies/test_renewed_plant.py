@@ -25,8 +25,6 @@ from studies.blind.renewed.study import cases, paired
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import UNLISTED
 
-pytestmark = pytest.mark.slow
-
 SEEDS = range(3)
 made = functools.cache(make_campaign)
 """Campaigns that several tests look at."""

@@ -16,7 +16,6 @@ SETS = [(("churning",), 0.6), (("charge_pump",), 0.3), (("churning", "gear_mesh"
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_seal_stands_before_the_answer(tmp_path):
     run = subprocess.run(
         [

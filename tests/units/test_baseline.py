@@ -13,8 +13,6 @@ from hmcvt_core.errors import InputError
 
 from .bench import CM3, LEAKAGE, TURN, grid
 
-pytestmark = pytest.mark.slow
-
 
 def pump(seed, further=0.0, rubbing=None, levels=6, bypass=0.0):
     """Tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`.
