@@ -16,7 +16,7 @@ from cli.running import ROOT
 
 import hmcvt_core as hmcvt
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("coarse_maps")]
+pytestmark = pytest.mark.usefixtures("coarse_maps")
 
 EXAMPLES = ROOT / "examples"
 
@@ -177,6 +177,7 @@ def shown(code, names):
     return eval(compile(ast.Expression(last.value), "cell", "eval"), names)
 
 
+@pytest.mark.long
 def test_notebook(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     book = json.loads((EXAMPLES / "first_steps.ipynb").read_text(encoding="utf-8"))

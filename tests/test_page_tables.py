@@ -95,6 +95,7 @@ from hmcvt_core.physics.effects.mechanical import ChargePump
 """
 
 
+@pytest.mark.long
 def test_the_channel_of_the_first_change_is_a_channel(tmp_path):
     page = read("docs/first-change.md").partition("## Add a bench channel")[2]
     entry = re.search(r"( +Quantity\(\n.*?\n {12}\),\n)", page, re.DOTALL)

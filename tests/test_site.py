@@ -15,6 +15,8 @@ PAGES = sorted(
     path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")
 )
 PARTS = 4  # a browser for each: all pages at once are too much for one
+SOME = ("index", "diagnosis-reference", "node-reference")
+"""Pages that `make test` lays out: the first one, and two of the widest tables."""
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +40,22 @@ def _with_base(path):
     return path.read_text("utf-8").replace("<head>", base, 1)
 
 
+def test_the_site_is_built_and_fits_the_screen(site, tmp_path):
+    check_widths(site, SOME, tmp_path)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(PARTS))
 def test_no_page_is_wider_than_the_screen(site, tmp_path, part):
-    names = PAGES[part::PARTS]
+    check_widths(site, PAGES[part::PARTS], tmp_path)
+
+
+def check_widths(site, names, scratch):
+    """Assert that no page is wider than the screen."""
     pages = {
         name.replace("/", "-"): _with_base(site / f"{name}.html") for name in names
     }
-    measured = laid_out(pages, tmp_path).pages
+    measured = laid_out(pages, scratch).pages
     assert len(measured) == 2 * len(names)
     wide = {
         name: page["scroll"]

@@ -17,8 +17,6 @@ from studies.watch import stream, well_known
 
 from .running import HM4, POINT, ROOT, TABLE2, assert_refused
 
-pytestmark = pytest.mark.slow
-
 HERE = (0.5, 1400 * RPM, 200.0)
 
 
@@ -301,8 +299,8 @@ WRITES = {
         TABLE2,
     ),
     "breakdown": (*POINT, "--picture", "losses.svg"),
-    "diagnose": (TABLE2, "--report", "report.html", "--save-model", "d.yaml"),
-    "next": (TABLE2, "--noise", "0.0085", "--limits", TABLE2),
+    "diagnose": (TABLE2, "--report", "report.pdf", "--save-model", "d.yaml"),
+    "next": (TABLE2, "--noise", "0.05", "--limits", TABLE2),
     "separable": (TABLE2, "--output-speed", "--pressure"),
 }
 
@@ -427,6 +425,7 @@ def test_spaced_and_inverse_units_of_speed(hmcvt):
         assert hmcvt("predict", "--engine-speed", text, *rest).json == reference
 
 
+@pytest.mark.long
 def test_the_saved_model_carries_what_is_unexplained(hmcvt, tmp_path):
     model = well_known()
     params = tmp_path / "p.yaml"

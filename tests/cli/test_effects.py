@@ -159,7 +159,7 @@ def test_fleet_loads_the_effects_in_its_workers(worked, tmp_path):
     (line,) = re.findall(r"^    (hmcvt fleet .*)", PAGE, re.MULTILINE)
     done = here(
         tmp_path,
-        f"{line} --params {folder / 'tipping.yaml'} --no-diagnose --processes 2 --json",
+        f"{line} --params {folder / 'tipping.yaml'} --no-diagnose --processes 1 --json",
     )
     assert done.code == 0, done.err
     for name in ("one.yaml", "two.yaml"):

@@ -60,6 +60,8 @@ RUN_BY_TEST_LONG = (
     "diagnose data/simulated.csv --noise",
     "diagnose data/simulated.csv --report",
     "diagnose data/simulated.csv --save-model",
+    "diagnose-system examples/electric_drive.py:system data/electric_drive.csv --noise",
+    "estimate season",
     "fleet",
     "next stages.csv",
 )
@@ -69,15 +71,14 @@ REPEATED = (
     "diagnose data/simulated.csv --picture gap.png",
     "diagnose data/table2.csv",
     "diagnose data/table2.csv --noise 0.0085",
-    "estimate season --params params/tractor.yaml --processes 2",
     "mission ploughing --bound",
     "mission transport --strategy engine_line --compare --report mission.html",
     "next bench.csv --noise 0.004",
     "next data/simulated.csv",
 )
 """Whole lines of the same kind: another line has these options and more."""
-LONG_PAGES = ("api-diagnosis.md", "gallery.md")
-"""Pages whose Python takes half a minute."""
+LONG_PAGES = ("api-diagnosis.md", "gallery.md", "mission.md")
+"""Pages whose Python takes seconds to half a minute; other tests run what it runs."""
 EXTERNAL = {
     "colcon": "builds a ROS workspace: make colcon",
     "cp": "part of the tutorial, which is run",
@@ -582,6 +583,7 @@ def followed(hmcvt, page, least):
     return output
 
 
+@pytest.mark.long
 def test_tutorial(hmcvt, workplace):
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     (workplace / "mine.yaml").unlink()
@@ -594,6 +596,7 @@ def test_tutorial(hmcvt, workplace):
     )
 
 
+@pytest.mark.long
 def test_page_on_predictions(hmcvt, workplace):
     page = (DOCS / "predict.md").read_text(encoding="utf-8")
     followed(hmcvt, page, 15)
@@ -611,14 +614,12 @@ def test_clutches_on_the_page_on_transmissions(hmcvt, workplace):
 
 def test_fuel_in_the_readme(hmcvt, workplace):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    strategies = ("causal", "engine_line", "fixed_speed")
-    printed = [
-        hmcvt("mission", "ploughing", "--strategy", strategy).out
-        for strategy in strategies
-    ]
+    bounded = hmcvt("mission", "ploughing", "--bound").out  # of strategy causal
+    printed = [bounded]
+    for strategy in ("engine_line", "fixed_speed"):
+        printed.append(hmcvt("mission", "ploughing", "--strategy", strategy).out)
     litres = [re.search(r"\(([\d.]+) l\)", text)[1] for text in printed]
     assert re.findall(r"^\| .* \| ([\d.]+) l \|$", readme, re.MULTILINE) == litres
-    bounded = hmcvt("mission", "ploughing", "--bound").out
     (above,) = re.findall(r"is ([\d.]+) % above the least fuel", readme)
     assert f"the strategy is {above} % above the best possible" in bounded
     engine, drawbar = re.search(

@@ -9,6 +9,7 @@ from hmcvt_tools.cli.outputs import Output, write_outputs
 from .running import ROOT
 
 
+@pytest.mark.long
 def test_sheet_of_a_table_with_oil_temperature_is_written(hmcvt, tmp_path):
     lines = (ROOT / "data" / "simulated.csv").read_text(encoding="utf-8").splitlines()
     lines = lines[:33]

@@ -15,8 +15,6 @@ from studies.driver import Case, judge, measured
 
 from .campaigns import BASE, NOISE, campaign, fitted, with_column
 
-pytestmark = pytest.mark.slow
-
 
 def test_readings_agree_with_the_noise_they_have():
     agreement = agreement_of(fitted(campaign(seed=8)))
@@ -45,13 +43,14 @@ def test_a_statement_for_every_sample_is_a_statement():
     assert "2" in found.report().split("\n\n")[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("quantity", "course", "time_scale", "seed"),
     [
-        pytest.param("oil temperature", "random", "tests", 22, marks=pytest.mark.long),
+        ("oil temperature", "random", "tests", 22),
         # A charge pressure by session is the zero of a torque meter.
         ("oil temperature", "session", "sessions", 23),
-        pytest.param("air in the oil", "warming", "hours", 22, marks=pytest.mark.long),
+        ("air in the oil", "warming", "hours", 22),
     ],
 )
 def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, seed):
@@ -60,9 +59,8 @@ def test_the_time_scale_of_what_varied_is_named(quantity, course, time_scale, se
     assert answer["time_scale"] == time_scale
 
 
-@pytest.mark.parametrize(
-    "seed", [95200011, pytest.param(95200071, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [95200011, 95200071])
 def test_a_meter_whose_zero_leaves_its_class_is_no_agreement(seed):
     case = Case("torque meter", "session", True, seed)
     samples, _, zero_ratio = measured(case)
@@ -75,6 +73,7 @@ def test_a_meter_whose_zero_leaves_its_class_is_no_agreement(seed):
     assert "check that meter" in found.report().split("\n\n")[0].replace("\n", " ")
 
 
+@pytest.mark.long
 def test_a_ratio_of_meters_is_not_said_of_the_noise():
     """The zero changes within 12 sessions as named here, so that readings scatter as well."""
     samples, _, _ = measured(Case("torque meter", "session", False, 700005))
@@ -91,6 +90,7 @@ def test_a_ratio_of_meters_is_not_said_of_the_noise():
     assert "errors of meters are larger than their class allows" in report
 
 
+@pytest.mark.long
 def test_half_the_drift_has_no_article():
     samples, _, _ = measured(Case("torque meter", "session", False, 700005))
     sessions = tuple("" if i % 3 else "a" for i in range(len(samples)))
@@ -104,6 +104,7 @@ def test_a_quantity_anew_in_each_test_varies_over_no_minutes():
     assert answer["time_scale"] == "tests", "amplitudes are dense enough for the noise"
 
 
+@pytest.mark.long
 def test_a_charge_pressure_that_is_recorded_is_not_asked_for():
     samples, _, _ = measured(Case("charge pressure", "random", True, 22))
     found = hmcvt.diagnose(BASE, samples)
@@ -113,6 +114,7 @@ def test_a_charge_pressure_that_is_recorded_is_not_asked_for():
     assert "charge pressure" not in dict(found.scatter.quantities)
 
 
+@pytest.mark.long
 def test_a_loss_in_one_stage_is_no_agreement():
     tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     rng = np.random.default_rng(3)

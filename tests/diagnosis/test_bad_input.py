@@ -44,8 +44,8 @@ def test_all_samples_at_one_point():
 @pytest.mark.parametrize(
     ("column", "value", "effects"),
     [
-        ("displacement_ratio", 0.0, ()),
-        ("oil_temperature", 60.0, ()),
+        pytest.param("displacement_ratio", 0.0, (), marks=pytest.mark.long),
+        pytest.param("oil_temperature", 60.0, (), marks=pytest.mark.long),
         ("load_torque", 200.0, (ChargePump(8.0),)),
     ],
 )

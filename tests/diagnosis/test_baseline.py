@@ -49,6 +49,7 @@ def worn(sound):
     return hmcvt.diagnose(SERVED, bench((leak,)), baseline=sound, noise=NOISE)
 
 
+@pytest.mark.long
 def test_sessions_share_errors_of_meters_and_of_the_baseline():
     """The errors of the sound prediction join those of the meters, without names."""
     days = {"session": tuple(np.repeat(["one", "two", "three"], 16))}
@@ -164,6 +165,7 @@ def test_sound_is_no_change_and_a_load_that_it_cannot_carry_is_named(sound):
     assert answer.verdict == "no_gap" and not answer.baseline.control.alarms
 
 
+@pytest.mark.long
 def test_no_gap_stands_above_no_significant_one(sound):
     """A difference within the errors of a thin baseline is no change, whatever its size."""
     churned = (Churning(torque=25.0),)
@@ -235,6 +237,7 @@ def test_a_class_holds_the_effects_that_are_the_same_curve(worn):
     assert [item.probability for item in merged] == pytest.approx([0.8])
 
 
+@pytest.mark.long
 def test_a_faulty_baseline_is_diagnosed_first():
     churned = (Churning(torque=25.0),)
     faulty = bench(churned, seed=1000, n=64)

@@ -56,6 +56,7 @@ def test_beside_an_unlisted_loss_an_effect_may_be_a_bend_too():
     assert likely.log_evidence > extended.log_evidence - 3.0
 
 
+@pytest.mark.long
 def test_what_competes_with_an_unlisted_loss_competes_with_a_bend_of_its_set():
     effects = (PressureLeakage(8e-11), StrokeLeakage(2e-12))
     base = fitted(campaign(effects, seed=1, speed_noise=None))

@@ -402,7 +402,11 @@ def test_report_says_it_shortly_in_words(name):
 
 
 @pytest.mark.parametrize(
-    ("part", "verdict"), [(0.4, "cause_found"), (1.5, "other_form")]
+    ("part", "verdict"),
+    [
+        pytest.param(0.4, "cause_found", marks=pytest.mark.long),
+        (1.5, "other_form"),
+    ],
 )
 def test_small_loss_next_to_a_set(part, verdict):
     found = hmcvt.diagnose(
@@ -414,6 +418,7 @@ def test_small_loss_next_to_a_set(part, verdict):
     assert any("smaller loss" in note for note in found.notes) == (part < 1.0)
 
 
+@pytest.mark.long
 def test_unexplained_channel_is_unlisted():
     some = SIMULATED.select(np.arange(48))
     slip = 1.0 - 0.02 * (np.abs(some.displacement_ratio - 0.25) < 0.15)
@@ -464,6 +469,7 @@ def test_regions_hold_where_the_gap_is_large():
         assert f1 > max(0.6, everything + 0.1)
 
 
+@pytest.mark.long
 def test_a_base_that_is_a_little_off_is_no_cause():
     def off(points):
         return 0.004 * np.sin(
@@ -540,6 +546,7 @@ def test_note_on_unstated_noise():
     assert float(stated[2]) == pytest.approx(float(stated[1]) / 100.0)
 
 
+@pytest.mark.long
 def test_the_papers_own_tests_rest_on_the_noise(table2):
     assumed, stated = (
         hmcvt.diagnose(SHIPPED, table2, noise=noise) for noise in (None, 0.0085)
@@ -571,6 +578,7 @@ def test_order_and_start_do_not_matter():
     assert [int(text.split()[1]) for text in told] == [1, 2, 3]
 
 
+@pytest.mark.long
 def test_the_simulated_bench_gives_these_numbers():
     """As docs/diagnosis.md tells them."""
     found = hmcvt.diagnose(SHIPPED, SIMULATED)

@@ -269,6 +269,7 @@ def test_a_clutch_ahead_of_the_row_competes_where_it_differs():
     assert is_listed(hmcvt.load_model(hmcvt.data_path("params/tractor.yaml")))
 
 
+@pytest.mark.long
 def test_a_clutch_ahead_of_the_row_is_no_leakage():
     """Friction that rises with the logarithm of the slip: no form of the library."""
 
@@ -422,6 +423,7 @@ def test_a_leak_with_the_oil_follows_its_fluidity(viscous, plain):
     assert efficiency(viscous, None) == pytest.approx(warm)
 
 
+@pytest.mark.long
 def test_a_leak_is_named_on_a_warming_bench():
     """The oil is Vogel's and the gap opens by a cubic law: no form of the library."""
     points = random_points(6, 64)
@@ -476,7 +478,9 @@ def test_a_drag_of_cooling_films_is_named_on_a_warming_bench():
     assert found.sets[0].effects == ("clutch_drag",)
 
 
-@pytest.mark.parametrize("against_baseline", [False, True])
+@pytest.mark.parametrize(
+    "against_baseline", [False, pytest.param(True, marks=pytest.mark.long)]
+)
 def test_a_diagnosis_states_the_oil_temperature_that_it_assumes(against_baseline):
     effects = (OilTemperature(1.0), FanDrive(torque=5.0))
     model = replace(BASE, effects=effects)

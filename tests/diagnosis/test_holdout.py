@@ -12,6 +12,7 @@ from .campaigns import BASE, NOISE, campaign, joined, with_column
 SAMPLES = campaign(seed=1, n=16)
 
 
+@pytest.mark.long
 def test_a_noisier_holdout_is_no_gap():
     loud = 5.0 * NOISE
     held = campaign(seed=31, n=200, noise=loud)

@@ -158,7 +158,9 @@ def _with_wrong_stroke(seed, n=96):
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))]
+)
 def test_a_stroke_that_is_read_wrong_within_its_class_is_no_gap(seed):
     diagnosis = diagnose(BASE, _with_wrong_stroke(seed))
     assert diagnosis.verdict == "no_gap"

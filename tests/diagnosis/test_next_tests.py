@@ -32,8 +32,6 @@ from hmcvt_core.physics.effects.mechanical import (
 )
 from hmcvt_core.transmission import ranges
 
-pytestmark = pytest.mark.slow
-
 AXES = ("displacement_ratio", "engine_speed", "load_torque")
 EFFECTS = {
     "nothing": (),
@@ -44,11 +42,12 @@ EFFECTS = {
     "two": (Churning(10.0, 2.0), PressureLeakage(1e-11, 1.5)),
 }
 COUNTS = (8, 12, 20)
+IN_MAKE_TEST = (("mesh", 8), ("dead band", 12))
 FEW = []
-for i, name in enumerate(EFFECTS):
-    for j, n in enumerate(COUNTS):
-        # Each effect with one of the counts; `make test-long` runs the others.
-        repeated = [] if i % len(COUNTS) == j else [pytest.mark.long]
+for name in EFFECTS:
+    for n in COUNTS:
+        # `make test-long` runs the others.
+        repeated = [] if (name, n) in IN_MAKE_TEST else [pytest.mark.long]
         FEW.append(pytest.param(name, n, marks=repeated))
 
 

@@ -83,6 +83,7 @@ def test_any_of_the_channels_may_be_read(read):
     assert np.abs(whitened).max() < 0.01
 
 
+@pytest.mark.long
 def test_pressure_tells_friction_of_the_motor_where_speed_is_not_read():
     samples = campaign(
         (PressureFrictionFull(0.04),), 1, speed_noise=None, pressure_noise=GAUGE

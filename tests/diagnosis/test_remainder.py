@@ -13,8 +13,6 @@ from hmcvt_core.transmission.ranges import OperatingPoints
 
 from .campaigns import BASE, campaign, diagnosed, random_points
 
-pytestmark = pytest.mark.slow
-
 NOISE = 0.004
 
 
@@ -87,6 +85,7 @@ def test_the_remainder_is_served_from_a_file(unexplained, tmp_path):
     assert {effect.name for effect in loaded.effects} == {"empirical_loss"}
 
 
+@pytest.mark.long
 def test_a_loss_in_one_stage_of_several_is_served_there(tmp_path):
     tractor = hmcvt.load_model(hmcvt.data_path("params/tractor.yaml"))
     samples = in_stages(tractor, seed=1, noise=NOISE, wave_in="HM3")
@@ -146,12 +145,14 @@ def test_cause_leaves_less_than_the_base():
     assert diagnosis.model.misfit < 0.3 * diagnosis.base.misfit
 
 
+@pytest.mark.long
 def test_misfit_of_the_model_given_is_not_inherited():
     given = replace(BASE, misfit=0.1)
     diagnosis = hmcvt.diagnose(given, campaign(seed=3, noise=NOISE), noise=NOISE)
     assert diagnosis.model.misfit < 0.5 * NOISE
 
 
+@pytest.mark.long
 def test_change_inherits_the_misfit_of_the_sound_model():
     sound = campaign(seed=1000, n=48, noise=NOISE, loss=wave)
     change = hmcvt.diagnose(

@@ -94,6 +94,7 @@ def test_pictures_go_into_axes(opening):
     assert np.isfinite(trace.residuals).all()
 
 
+@pytest.mark.long
 def test_validation_is_another_name_of_holdout():
     samples = campaign(seed=1, n=24)
     later = campaign(seed=2, n=12)

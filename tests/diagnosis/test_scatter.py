@@ -12,9 +12,14 @@ from hmcvt_core.diagnosis.selection.explanation import explain, scattered
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
-
-pytestmark = pytest.mark.slow
+from .campaigns import (
+    BASE,
+    NOISE,
+    campaign,
+    fitted,
+    measure,
+    random_points,
+)
 
 
 def _with_a_pump(stated, noise=NOISE):
@@ -33,9 +38,8 @@ def test_a_set_that_leaves_far_more_than_the_stated_noise_is_not_all_of_it():
     assert as_stated.scatter is None
 
 
-@pytest.mark.parametrize(
-    "part", [*(pytest.param(part, marks=pytest.mark.long) for part in (0.3, 0.8)), 1.25]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("part", [0.3, 0.8, 1.25])
 def test_noise_near_or_below_its_statement_blames_nothing(part):
     assert _with_a_pump(NOISE / part).unlisted < 0.1
 
@@ -68,6 +72,7 @@ def test_odds_grow_with_the_noise_and_are_finite():
     assert (np.diff(odds) > 0.0).all()
 
 
+@pytest.mark.long
 def test_many_repeats_do_not_hide_every_set():
     points = random_points(5, n=40)
     repeated = points.map(lambda row: np.repeat(row, 8))
@@ -99,6 +104,7 @@ def test_a_loss_by_an_unrecorded_temperature_is_noted():
     assert "not recorded" in found.scatter.sentence
 
 
+@pytest.mark.long
 def test_films_warmer_than_the_tank_are_no_further_cause():
     """Damping that falls where much is lost: films follow the loss, a column only the tank."""
 

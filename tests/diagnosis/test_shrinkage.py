@@ -192,6 +192,7 @@ def test_sample_without_an_expected_gap_does_not_count():
     assert seen.interval == pytest.approx((0.75, 0.75))
 
 
+@pytest.mark.long
 def test_noise_above_its_statement_is_gap():
     points = random_points(5, 64)
     samples = measure(points, (ChargePump(10.0),), 5, noise=0.006, speed_noise=None)

@@ -223,6 +223,7 @@ def test_a_few_speeds_far_beyond_their_meter_are_a_gap(seed):
     assert hmcvt.diagnose(BASE, usual, noise=0.001).verdict == "no_gap"
 
 
+@pytest.mark.long
 def test_a_meter_far_off_is_said_first_where_there_is_no_gap():
     samples = campaign(seed=1, n=24, noise=0.001, speed_noise=0.01)
     found = hmcvt.diagnose(BASE, samples, noise=0.001)

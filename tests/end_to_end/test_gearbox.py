@@ -19,6 +19,7 @@ import hmcvt_core as hmcvt
 from studies.gearbox import box, tables
 
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.slow,
     pytest.mark.timeout(1200),
     pytest.mark.usefixtures("coarse_maps"),
@@ -237,13 +238,11 @@ def test_the_fmu_answers_as_the_model(study):
         assert sense * result["output_speed"][-1] > 0.0
 
 
-@pytest.mark.long
 def test_a_year_later_unchanged(place, bench, study):
     later = year_later(place, bench, MACHINE, "unchanged")
     assert later["verdict"] == "no_gap"
 
 
-@pytest.mark.long
 def test_a_year_later_with_more_leakage(place, bench, study):
     worn = replace(MACHINE, leakage=(1.0 + GROWTH) * MACHINE.leakage)
     later = year_later(place, bench, worn, "worn")

@@ -18,7 +18,6 @@ POINTS = 1_000_000
 FEWER_POINTS = 200_000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "count", [FEWER_POINTS, pytest.param(POINTS, marks=pytest.mark.long)]
 )

@@ -21,10 +21,20 @@ from hmcvt_tools.export.effect_tables import BOUND, TABLE_SPEED
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 
-POINTS = 30_000
+POINTS = 6_000
 
 
-@pytest.fixture(scope="module", params=CASES)
+# The first case has more effects and stages, the last one an effect that is not listed either.
+LONG_CASES = ("the same without clutches, pump on the row", "effect of a user")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=[pytest.mark.long] * (name in LONG_CASES))
+        for name in CASES
+    ],
+)
 def case(request, tmp_path_factory):
     model = affected_model(request.param)
     folder = tmp_path_factory.mktemp("effects") / "c"
@@ -63,8 +73,8 @@ def test_tables_matter(case):
 def test_optimum_with_effects(case):
     model, _, _, library = case
     rng = np.random.default_rng(3)
-    speed = rng.uniform(80.0, 230.0, 20)
-    load = rng.uniform(30.0, 300.0, 20)
+    speed = rng.uniform(80.0, 230.0, 8)
+    load = rng.uniform(30.0, 300.0, 8)
     for number, part in enumerate(model.stages.values()):
         answer, _ = library.stroke(number, speed, load)
         best = part.optimal_displacement_ratio(speed, load)
@@ -129,6 +139,7 @@ def test_too_small_a_bound_names_one_that_is_attainable(tmp_path, monkeypatch):
     assert accuracy.bound <= float(attainable)
 
 
+@pytest.mark.long
 def test_the_stage_with_the_largest_error_decides_what_is_attainable(
     tmp_path, monkeypatch
 ):

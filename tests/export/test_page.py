@@ -62,12 +62,11 @@ def golden(model):
 
 
 @needs_browser
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
         "tractor",
-        "output_coupled",
+        pytest.param("output_coupled", marks=pytest.mark.long),
         # As a stage of the tractor.
         pytest.param("hm4", marks=pytest.mark.long),
         pytest.param("hydrostatic", marks=pytest.mark.long),
@@ -86,8 +85,9 @@ def test_answers_in_the_browser_are_those_of_python(name, tmp_path):
 
 
 @needs_browser
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["tractor", "output_coupled"])
+@pytest.mark.parametrize(
+    "name", ["tractor", pytest.param("output_coupled", marks=pytest.mark.long)]
+)
 def test_losses_by_part_are_those_of_python(name, tmp_path):
     model = shipped(name)
     points = []
@@ -111,7 +111,6 @@ def test_losses_by_part_are_those_of_python(name, tmp_path):
 
 
 @needs_browser
-@pytest.mark.slow
 def test_a_model_with_effects_says_how_exact_it_is(tmp_path):
     model = replace(shipped("hm4"), effects=(ChargePump(torque=4.0),))
     page = page_of(model, tmp_path)
@@ -129,7 +128,6 @@ def test_a_model_with_effects_says_how_exact_it_is(tmp_path):
 
 
 @needs_browser
-@pytest.mark.slow
 def test_controls_move_the_point_and_fit_a_telephone(tmp_path):
     page = page_of(shipped("tractor"), tmp_path)
     script = """

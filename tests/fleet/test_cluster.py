@@ -16,8 +16,6 @@ from hmcvt_tools.fleet.run import Study
 
 from .fleets import WORK, results
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def cluster():
@@ -59,6 +57,7 @@ def test_other_version_on_the_cluster_is_refused(cluster, monkeypatch):
         pass
 
 
+@pytest.mark.long
 def test_killed_worker_loses_nothing_and_a_lost_scheduler_is_told(
     cluster, logs, monkeypatch
 ):

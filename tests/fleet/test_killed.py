@@ -95,7 +95,7 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     assert pids and not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     kept = len(list(out.glob("*.json")))
     assert 1 <= kept < len(list(many.iterdir()))
-    rest = hmcvt(*arguments, "2", "--json")
+    rest = hmcvt(*arguments, "1", "--json")
     assert rest.json["counts"]["finished_before"] == kept
     # As of the logs, but for their names.
     assert results(out) == {
@@ -105,7 +105,9 @@ def test_interrupt_keeps_what_is_finished(hmcvt, logs, identified, tmp_path):
     }
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL]
+)
 def test_ended_run_leaves_no_worker_behind(logs, tmp_path, how):
     running = start(
         "fleet", logs, "--out", tmp_path, "--processes", "2", start_new_session=True

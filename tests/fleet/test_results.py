@@ -19,10 +19,10 @@ pytestmark = pytest.mark.slow
 NAMES = [f"{number:05d}" for number in range(3)]
 
 
-def test_log_gives_what_identify_and_diagnose_give(hmcvt, logs, alone):
+def test_log_gives_what_identify_and_diagnose_give(hmcvt, two_logs, alone):
     out, done = alone
-    log, parameters = logs / "00002.csv", out / "00002.yaml"
-    result = json.loads((out / "00002.json").read_text())
+    log, parameters = two_logs / "00001.csv", out / "00001.yaml"
+    result = json.loads((out / "00001.json").read_text())
     identified = hmcvt("identify", log, "--json").json
     del identified["held_back"]
     assert result["identification"] == identified
@@ -31,36 +31,36 @@ def test_log_gives_what_identify_and_diagnose_give(hmcvt, logs, alone):
         == hmcvt("diagnose", log, "--params", parameters, "--json").json
     )
     assert (result["log"], result["log_sha256"]) == (
-        "00002.csv",
+        "00001.csv",
         core.read_bench(log).sha256,
     )
-    model, entry = core.load_model(parameters), done.json["logs"][2]
-    assert (entry["log"], model.provenance["data"]) == ("00002.csv", "00002.csv")
+    model, entry = core.load_model(parameters), done.json["logs"][1]
+    assert (entry["log"], model.provenance["data"]) == ("00001.csv", "00001.csv")
     assert model.parameters.leakage == entry["parameters"]["leakage"]["value"]
 
 
-def test_finished_logs_are_skipped_and_the_table_stays(hmcvt, logs, alone):
+def test_finished_logs_are_skipped_and_the_table_stays(hmcvt, two_logs, alone):
     out, done = alone
     before = {path: path.stat().st_mtime_ns for path in out.glob("0*")}
-    again = hmcvt("fleet", logs, "--out", out, "--processes", "2", "--json")
+    again = hmcvt("fleet", two_logs, "--out", out, "--processes", "2", "--json")
     first, second = done.json, again.json
-    assert (again.code, again.err, len(before)) == (0, "", 6)
+    assert (again.code, again.err, len(before)) == (0, "", 4)
     assert (first["counts"]["finished_now"], first["counts"]["finished_before"]) == (
-        3,
+        2,
         0,
     )
     assert (second["counts"]["finished_now"], second["counts"]["finished_before"]) == (
         0,
-        3,
+        2,
     )
     assert {**first, "counts": None} == {**second, "counts": None}
     assert {path: path.stat().st_mtime_ns for path in before} == before
-    text = hmcvt("fleet", logs, "--out", out).out
+    text = hmcvt("fleet", two_logs, "--out", out).out
     for entry in first["logs"]:
         line = next(line for line in text.splitlines() if entry["log"] in line)
         assert f"{entry['parameters']['leakage']['value']:.3e}" in line
         assert f"{100 * entry['gap']:.2f}" in line and entry["verdict"] in line
-    assert "3 logs: 0 finished now, 3 before, 0 broken; 0 outliers" in text
+    assert "2 logs: 0 finished now, 2 before, 0 broken; 0 outliers" in text
 
 
 @pytest.fixture

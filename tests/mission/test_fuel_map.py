@@ -52,7 +52,14 @@ def fine(engine, formula):
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-@pytest.mark.parametrize("work", ["ploughing", "sowing", "loader"])
+@pytest.mark.parametrize(
+    "work",
+    [
+        pytest.param("ploughing", marks=pytest.mark.long),
+        "sowing",
+        pytest.param("loader", marks=pytest.mark.long),
+    ],
+)
 def test_bound_is_that_of_a_fine_map_within_its_stated_error(name, work):
     engine = load_engine(data_path(f"params/{name}.yaml"))
     demand = beginning(read_cycle(work, DRIVE.vehicle), 300)

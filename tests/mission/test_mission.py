@@ -19,7 +19,13 @@ def planned(demand, drive=DRIVE):
     return Planned.of(drive, demand, with_bound=False, speed_step=COARSE)
 
 
-@pytest.mark.parametrize("name", CYCLES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name != "sowing"))
+        for name in CYCLES
+    ],
+)
 def test_energy_is_closed_and_no_limit_broken(name):
     plan = Planned.of(DRIVE, read_cycle(name, DRIVE.vehicle), speed_step=COARSE)
     mission = plan.mission("causal")

@@ -117,7 +117,13 @@ def test_oil_warms_with_what_is_lost():
     assert np.all(campaign.settings.film_temperature > oil)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.long] * (kind in ("triple", "pair")))
+        for kind in KINDS
+    ],
+)
 def test_equal_seeds_give_equal_readings(kind):
     one = make_campaign(kind, 11, Bench(), tests=16)
     other = make_campaign(kind, 11, Bench(), tests=16)

@@ -152,14 +152,8 @@ def test_names_that_do_not_exist_are_refused():
     assert not any(vars(off).values())
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "temperature",
-        pytest.param("statement", marks=pytest.mark.long),
-        pytest.param("record", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["temperature", "statement", "record"])
 def test_a_campaign_is_judged_without_a_column(name):
     (case,) = cases(1, 5, Bench().without(name), ("nothing",))
     assert judge(case)["sessions"] >= 2

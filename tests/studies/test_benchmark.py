@@ -273,6 +273,7 @@ def test_the_page_lists_where_a_baseline_is_better(made):
     assert written.index("## Failures") < written.index("## What is right")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_case_of_the_twin_is_written_and_answered(tmp_path):
     """Seed 96100010: an error of the displacement, which every method should see."""

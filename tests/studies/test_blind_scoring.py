@@ -167,7 +167,11 @@ def test_seeds_of_a_trial_are_its_own():
 
 
 @pytest.mark.parametrize(
-    ("kind", "alone"), [("-churning", False), ("swash_chatter", True)]
+    ("kind", "alone"),
+    [
+        pytest.param("-churning", False, marks=pytest.mark.long),
+        ("swash_chatter", True),
+    ],
 )
 def test_some_strangers_look_as_a_listed_effect_does(kind, alone):
     assert (beyond_others(draw(Case("0.4 %", kind, 1))) > DETECTABLE) == alone

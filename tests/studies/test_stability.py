@@ -6,13 +6,14 @@ import pytest
 from studies.stability import FIRST_SEED, Case, Record, compared, differences, report
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param(Case("bench", 3, FIRST_SEED), marks=pytest.mark.long),
-        pytest.param(Case("bench", 7, FIRST_SEED), marks=pytest.mark.long),
+        Case("bench", 3, FIRST_SEED),
+        Case("bench", 7, FIRST_SEED),
         Case("bench", 11, FIRST_SEED),
-        pytest.param(Case("twin", 4, FIRST_SEED), marks=pytest.mark.long),
+        Case("twin", 4, FIRST_SEED),
     ],
     ids=str,
 )

@@ -15,7 +15,7 @@ from studies.withheld import judged, main
 SETS = [(("churning",), 0.6), (("charge_pump",), 0.3), (("churning", "gear_mesh"), 0.1)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_seal_stands_before_the_answer(tmp_path):
     run = subprocess.run(
         [

@@ -13,8 +13,6 @@ from hmcvt_core.errors import InputError
 
 from .bench import CM3, LEAKAGE, TURN, grid
 
-pytestmark = pytest.mark.slow
-
 
 def pump(seed, further=0.0, rubbing=None, levels=6, bypass=0.0):
     """Tests of a pump with 0.4 % noise and further leakage / `LEAKAGE`.
@@ -41,7 +39,9 @@ def test_sound_against_sound_and_grown_leakage():
     assert worn["baseline"]["control"]["verdict"] == "no_gap"
 
 
-@pytest.mark.parametrize("rows", [12, 24, 48, 100])
+@pytest.mark.parametrize(
+    "rows", [12, *(pytest.param(n, marks=pytest.mark.long) for n in (24, 48)), 100]
+)
 def test_a_leak_is_named_with_few_rows_and_with_many(rows):
     """The rest that no form explains is judged against the change, not against the noise alone."""
     leaking = pump(6, levels=10, bypass=1e-4)
@@ -83,12 +83,14 @@ def with_drain_and_power(unit, further=0.0, zero=0.0, efficiency=0.90):
     return replace(unit, drain_flow=drain + zero, electric_power=power)
 
 
+@pytest.mark.long
 def test_a_drain_meter_or_a_motor_that_differs_today_is_no_wear():
     sound = with_drain_and_power(pump(2, rubbing=4.0))
     later = with_drain_and_power(pump(4, rubbing=4.0), zero=1e-6, efficiency=0.895)
     assert diagnose_unit(later, baseline=sound).diagnosis.verdict == "no_gap"
 
 
+@pytest.mark.long
 def test_channels_that_are_added_do_not_hide_a_leak():
     sound = with_drain_and_power(pump(2, rubbing=4.0))
     leaking = pump(4, further=1.0, rubbing=4.0)
@@ -98,6 +100,7 @@ def test_channels_that_are_added_do_not_hide_a_leak():
     assert diagnosis.sets[0].effects == ("laminar_leakage",)
 
 
+@pytest.mark.long
 def test_same_seed_same_answer():
     answers = [
         diagnose_unit(pump(3, further=2.0), baseline=pump(2), seed=5).to_dict()

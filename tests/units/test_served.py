@@ -84,6 +84,7 @@ def test_weights_are_in_the_answer(bumpy):
             assert sum(weights.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.long
 def test_a_compressibility_beyond_physics_is_not_named():
     refused = diagnose_unit(pump(4, squeezed=5.0), deals=False).diagnosis
     assert refused.verdict == "unexplained" and refused.unlisted > 0.9

@@ -45,9 +45,10 @@ def test_last_digits_change_no_prediction(seed):
         assert np.abs((other - predicted[0]) / scale).max() < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("squeezed", "axis"),
-    [pytest.param(0.0, "speed", marks=pytest.mark.long), (1.5, "pressure")],
+    [(0.0, "speed"), (1.5, "pressure")],
 )
 def test_last_digits_change_no_figure(squeezed, axis):
     samples, beyond = pump(7, squeezed, bump=2e-5).divided(axis, 0.7)

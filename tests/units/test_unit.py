@@ -64,7 +64,7 @@ def test_terms_of_the_paper(tmp_path):
     [
         pytest.param(("compressibility",), 6, marks=pytest.mark.long),
         pytest.param(("pressure_leakage",), 7, marks=pytest.mark.long),
-        (("reference_displacement",), 6),
+        pytest.param(("reference_displacement",), 6, marks=pytest.mark.long),
         (("constant_torque", "orifice_leakage"), 7),
     ],
     ids=lambda each: "+".join(each) if isinstance(each, tuple) else str(each),
@@ -149,6 +149,7 @@ def test_bad_options_are_named(tmp_path, hmcvt, arguments, told):
     assert_refused(done, told)
 
 
+@pytest.mark.long
 def test_leakage_falling_with_speed(tmp_path):
     speed, pressure = grid()
     flow = 4e-12 * pressure * 1e5 * (100.0 / (speed * TURN / 60.0)) ** 1.5
