@@ -101,7 +101,8 @@ def joint_state_of(message: Any) -> JointState:
         (DISPLACEMENT, math.nan, math.nan, message.displacement_ratio),
     ]
     for name in _STATED:
-        for value in getattr(message, name):
+        # The messages may have been built before the column was known.
+        for value in getattr(message, name, ()):
             columns.append((name, math.nan, math.nan, float(value)))
     for name, velocity, effort, position in columns:
         standard.name.append(name)

@@ -199,8 +199,8 @@ class Quantity(Range):
         symbol: in formulas; empty for none.
         meaning: what it is, for the documentation.
         headings: of a table that name it, any of them.
-        words: of a heading, in any language, that mean this quantity and no other; its name is the
-            meaning that headings need or exclude. `words.WORDS` holds those that several share.
+        words: of a heading, in any language, that mean this quantity and no other: its name is
+            the meaning that headings need or exclude. `words.WORDS` holds those that several share.
         stored: whether bench files hold it. The others only serve to compute what is stored.
         required: whether every bench file holds it.
         joint: whether a bench message states it, by the `position` of a joint of its name, instead

@@ -17,6 +17,7 @@ from hmcvt_tools.tables.raw import UNITS, choose_columns, import_table
 from hmcvt_tools.tables.rules import KINDS, meaning_of
 
 every_quantity = pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda q: q.name)
+READ_BY_METERS = ("temperature", "pressure", "power", "torque", "speed", "flow")
 N = 6
 
 
@@ -126,3 +127,12 @@ def test_gauges_of_the_registry_are_refitted_where_they_are_read():
             if gauge.zero:
                 expected = (*expected, f"{quantity.name}_zero")
         assert found == expected
+
+
+@every_quantity
+@pytest.mark.parametrize("kind", READ_BY_METERS)
+def test_a_word_of_its_own_names_no_other_quantity(quantity, kind):
+    """Headings of others that need no word, as that of `pressure`, have to exclude it."""
+    for word in quantity.words.split():
+        found = meaning_of(f"{word} {kind}").quantity
+        assert found in ("", quantity.name), f"{word} {kind}"
