@@ -583,7 +583,6 @@ def followed(hmcvt, page, least):
     return output
 
 
-@pytest.mark.long
 def test_tutorial(hmcvt, workplace):
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     (workplace / "mine.yaml").unlink()
@@ -596,7 +595,6 @@ def test_tutorial(hmcvt, workplace):
     )
 
 
-@pytest.mark.long
 def test_page_on_predictions(hmcvt, workplace):
     page = (DOCS / "predict.md").read_text(encoding="utf-8")
     followed(hmcvt, page, 15)

@@ -578,7 +578,6 @@ def test_order_and_start_do_not_matter():
     assert [int(text.split()[1]) for text in told] == [1, 2, 3]
 
 
-@pytest.mark.long
 def test_the_simulated_bench_gives_these_numbers():
     """As docs/diagnosis.md tells them."""
     found = hmcvt.diagnose(SHIPPED, SIMULATED)
