@@ -47,7 +47,7 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
     before = play(player, samples)
     print(f"""
 3. Tests {str(FITTED)[1:-1]} are published on bench_sample, then the service ~/reidentify is called.
-   Tests {str(HELD_BACK)[1:-1]} are held back: the node never sees their measured efficiency.
+   Tests {str(HELD_BACK)[1:-1]} are held out: the node never sees their measured efficiency.
 """)
     refit(player, samples)
     print(
@@ -57,7 +57,7 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
     print("\n5. Mean |predicted - measured| / measured:\n")
     print(
         f"     tests the refit used   {before[0]:6.2f} %  ->  {after[0]:5.2f} %\n"
-        f"     tests held back        {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n"
+        f"     tests held out        {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n"
     )
     if not (after[0] < before[0] and after[1] < before[1]):
         print("   The refit did not improve the node.\n")
@@ -67,7 +67,7 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
 
 
 def play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[float]:
-    """Hold every test; return the mean errors on the tests fitted and held back [%]."""
+    """Hold every test; return the mean errors on the tests fitted and held out [%]."""
     print(
         "   test   displacement   engine     load | measured  predicted   error | optimal\n"
         "          ratio         [rad/s]    [N m] |      [%]        [%]     [%] |   ratio"
@@ -95,7 +95,7 @@ def play(player: BenchPlayer, samples: hmcvt.BenchSamples) -> list[float]:
         for tests in (FITTED, HELD_BACK)
     ]
     print(
-        f"   * held back.  Mean |error|: {means[0]:.1f} % on tests {str(FITTED)[1:-1]}; "
+        f"   * held out.  Mean |error|: {means[0]:.1f} % on tests {str(FITTED)[1:-1]}; "
         f"{means[1]:.1f} % on tests {str(HELD_BACK)[1:-1]}."
     )
     return means

@@ -13,7 +13,7 @@ statements    what the evidence supports, up to the verdict
 analysis      all that is inferred, before it is summarised
 results       the outcome: summary, shrinkage, text
 wording       numbers, probabilities and names in sentences and tables
-settings      every threshold, prior and count, with its source
+settings      thresholds, priors and counts of the inference, with their sources
 """
 
 from .design.advice import Advice, NextTest

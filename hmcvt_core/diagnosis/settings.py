@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Every threshold, prior and count of the diagnosis, with its source.
+"""Thresholds, priors and counts of the inference, with their sources.
 
 "Chosen on development campaigns" means simulated campaigns whose seeds the published blind trial
 does not use; `python -m studies.blind.sensitivity` halves and doubles any of these values, and

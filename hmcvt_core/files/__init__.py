@@ -2,7 +2,7 @@
 """The core's own files: bench tables, YAML, shipped data; atomic writes, strict JSON.
 
 bench       `BenchSamples` and its CSV
-table       strict CSV: known columns, no broken row
+table       strict CSV: named columns, no broken row
 text        encodings and rows of cells
 numbers     numbers in cells
 plain_yaml  YAML of a known schema

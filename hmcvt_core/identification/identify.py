@@ -85,7 +85,7 @@ def identify(
         formulation: `power_balance` or `published`.
         gear_efficiency: of every pair [-]; None keeps those of the stage.
         effects: effects with fixed parameters.
-        holdout: samples held back, to predict.
+        holdout: samples held out, to predict.
         noise: standard deviation of the efficiency [-]; None takes column `efficiency_std`, or the
             paper's 1.12 % of each.
         schedule: of the annealing; None for that of `SCHEDULES`.
@@ -337,7 +337,7 @@ def _errors_by_stage(problem: Problem, scaled: Array) -> dict[str, dict[str, flo
 def _predicted_holdout(
     model: EfficiencyModel, scaled: Array, holdout: BenchSamples
 ) -> tuple[dict[str, Any], list[str]]:
-    """Predict samples held back: entries of the provenance, and sentences."""
+    """Predict samples held out: entries of the provenance, and sentences."""
     predicted = Problem(model, holdout).predict(scaled)
     entries: dict[str, Any] = {}
     if np.isfinite(predicted).any():

@@ -91,7 +91,7 @@ class Refit:
         largest_change: of an efficiency within the domain, against the model in service [-].
         drift: mean change of the efficiency within the domain against the base model [-].
         warnings: sentences on the rejected samples and on what is left open.
-        held_back: the comparison on samples held back, None with fewer than four to compare.
+        held_back: the comparison on samples held out, None with fewer than four to compare.
         error_before: mean |predicted - measured| / measured of the model in service over all
             samples [-].
         error_after: the same of the refit.
@@ -167,7 +167,7 @@ class _Candidate:
         base: the model against which drift is measured.
         model: the refit.
         others: for each fold, the refit to the samples outside it.
-        held_back: the comparison on samples held back, if any.
+        held_back: the comparison on samples held out, if any.
         max_drift: largest mean change against `base` [-].
         max_change: largest change that needs no person [-].
         accepted: the model that a person accepted last.
@@ -386,7 +386,7 @@ def _worse_on_unseen_samples(candidate: _Candidate) -> str | None:
     if held_back is None or not held_back.worse:
         return None
     return (
-        "the refit is worse on samples held back: mean error "
+        "the refit is worse on samples held out: mean error "
         f"{100 * held_back.error_refit:.2f} %, model in service "
         f"{100 * held_back.error_in_service:.2f} %"
     )
@@ -410,7 +410,7 @@ def _unsupported_change(candidate: _Candidate) -> str | None:
         f"the refit would move the efficiency by {100 * change[worst]:+.1f} points "
         f"at displacement ratio {grid.displacement_ratio[worst]:.2f}, "
         f"{grid.engine_speed[worst]:.1f} rad/s, {grid.load_torque[worst]:.0f} N m, "
-        f"where the samples held back allow a doubt of {100 * doubt[worst]:.1f} points"
+        f"where the samples held out allow a doubt of {100 * doubt[worst]:.1f} points"
     )
 
 
@@ -582,6 +582,6 @@ def _warnings(candidate: _Candidate, used: BenchSamples, expected: Array) -> lis
     warnings += misfit_remarks(candidate.model)
     if candidate.held_back is None:
         warnings.append(
-            f"fewer than {FEWEST} samples: none could be held back to check the refit"
+            f"fewer than {FEWEST} samples: none could be held out to check the refit"
         )
     return warnings

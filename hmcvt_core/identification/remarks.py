@@ -100,7 +100,7 @@ def _tied(model: EfficiencyModel) -> Iterator[str]:
 def unchecked(
     model: EfficiencyModel, held_back: BenchSamples, unanswered: int
 ) -> Iterator[str]:
-    """Yield what samples held back do not check.
+    """Yield what samples held out do not check.
 
     Args:
         model: with the domain of the samples that it was fitted to.
@@ -111,7 +111,7 @@ def unchecked(
     if unanswered:
         reason = FORMULATIONS[model.formulation].no_answer
         yield (
-            f"the model has no answer at {unanswered} of {count} samples held back, which "
+            f"the model has no answer at {unanswered} of {count} samples held out, which "
             f"the error of the prediction leaves out: {reason}"
         )
     if model.domain is None:
@@ -120,6 +120,6 @@ def unchecked(
     outside = int((~inside).sum())
     if 2 * outside > count:
         yield (
-            f"{outside} of {count} samples held back lie outside the range of those "
+            f"{outside} of {count} samples held out lie outside the range of those "
             "fitted: the error of the prediction is mostly one of extrapolation"
         )

@@ -33,7 +33,7 @@ class Identification:
         samples: those it was fitted to, without the rejected ones.
         residuals: predicted - measured efficiency at them, shape (n,) [-].
         fit_error: mean |predicted - measured| / measured over them [-].
-        prediction_error: the same over the samples held back at which the model has an answer, or
+        prediction_error: the same over the samples held out at which the model has an answer, or
             None.
         objective: value reached of `objective_name`.
         annealing_objective: value that the annealing reached by itself, before the finish; NaN
@@ -138,7 +138,7 @@ class Identification:
         """Draw measured over predicted efficiency.
 
         Args:
-            holdout: samples held back, to draw too.
+            holdout: samples held out, to draw too.
             ax: matplotlib axes to draw on; a new figure when left out.
 
         Returns:
@@ -208,12 +208,12 @@ class Identification:
         if self.prediction_error is not None:
             yield (
                 f"  error of the prediction  {100 * self.prediction_error:6.2f} % "
-                f"({held_back} samples held back)"
+                f"({held_back} samples held out)"
             )
         elif held_back is not None:
             yield (
                 f"  error of the prediction  unknown: no answer at any of the {held_back} "
-                "samples held back"
+                "samples held out"
             )
 
     def _sample_lines(self, numbers: Sequence[int] | None) -> Iterator[str]:

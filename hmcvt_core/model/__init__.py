@@ -4,7 +4,7 @@
 model            `EfficiencyModel`, one or several stages with parameters and effects
 operating_point  stroke and load from what meters show
 intervals        intervals that standard errors stand for
-oil              what a model answers where the oil temperature is not known
+oil              remarks on effects that need the oil temperature
 optimum          the working point that loses least, of a stage or of the drive line
 engine           the engine before the transmission: full-load curve and fuel map
 breakdown        where the power goes

@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""What a model answers where the oil temperature is not known."""
+"""Remarks on effects that need the oil temperature, where it is not known."""
 
 from collections.abc import Iterable, Sequence
 

@@ -66,7 +66,7 @@ def _sample_numbers(text: str) -> list[int]:
     "--fit",
     type=_sample_numbers,
     metavar="1,2,4-6",
-    help="Samples to fit, counted from 1; the rest are held back and predicted.",
+    help="Samples to fit, counted from 1; the rest are held out and predicted.",
 )
 @click.option(
     "--hold-back",
@@ -203,7 +203,7 @@ def _answer(
         if held is not None:
             records = common.sample_records(result.model, held, held_numbers)
             if result is best:
-                lines += ["held back:", common.sample_table(records)]
+                lines += ["held out:", common.sample_table(records)]
         aside = [fitted_numbers[position - 1] for position in result.set_aside]
         values.append({**result.to_dict(), "set_aside": aside, "held_back": records})
     if out is not None:

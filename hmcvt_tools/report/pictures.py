@@ -107,7 +107,7 @@ def draw_fit(
     drawn = _draw_samples(ax, fit, fit.samples, "fitted", _MARKERS, BLUE)
     if held_back is not None:
         markers = _MARKERS if len(fit.stages) > 1 else _MARKERS_HELD_BACK
-        drawn += _draw_samples(ax, fit, held_back, "held back", markers, ORANGE)
+        drawn += _draw_samples(ax, fit, held_back, "held out", markers, ORANGE)
     efficiencies = np.concatenate(drawn)
     low = np.nanmin(efficiencies)
     high = np.nanmax(efficiencies)
@@ -125,7 +125,7 @@ def draw_fit(
     )
     errors = f"mean error {100.0 * fit.fit_error:.2f} % fitted"
     if fit.prediction_error is not None:
-        errors += f", {100.0 * fit.prediction_error:.2f} % held back"
+        errors += f", {100.0 * fit.prediction_error:.2f} % held out"
     if fit.set_aside:
         errors += f"; not drawn: {len(fit.set_aside)} rejected"
     ax.set(

@@ -10,6 +10,7 @@ generator  cases and their truth, from the plants of studies/blind; frozen, with
 model      the served model at its refit, and what each effect changes, as tables in a case
 case       reads the folder of a case
 answer     the one file that a method writes
+rig        measured cases: windows of a pump with known faults
 methods    hmcvt and five baselines, each a function from a case to an answer
 scorer     answers against the truth; imports nothing of hmcvt
 page       the table of all methods

@@ -1,2 +1,7 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A gearbox of five stages with reverse as a truth of its own, and machines of its type."""
+"""Is wear of a gearbox whose physics are written apart named a year later?
+
+box     a gearbox of five stages with reverse: the truth
+tables  its bench table, as a bench writes it
+trial   machines of its type, sound and a year later, diagnosed
+"""

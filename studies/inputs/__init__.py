@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Random work cycles, engine maps and vehicle files of known content."""
+"""Random and damaged cycles, engine maps and vehicle files, read: is a value ever wrong?"""

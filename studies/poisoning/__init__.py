@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Bad samples among good ones: what a refit makes of them."""
+"""Attacks on a refit by bad samples, some or all: how far do they spoil the served model?"""

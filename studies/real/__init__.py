@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""The gap on real rigs: changes against a sound state, and bands that are held out."""
+"""Real machines: a rig with known faults against its sound state; units with a band held out."""

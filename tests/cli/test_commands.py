@@ -335,7 +335,7 @@ def test_held_back_sample_that_stalls_is_counted(hmcvt, tmp_path):
     )
     bench.write_text(f"{HEADER}{rows}-1,20,2000,0.3\n")
     done = hmcvt("identify", bench, "--fit", "1,2,4-6", "--out", out)
-    assert "no answer at 1 of 4 samples held back" in done.out and "nan" not in done.out
+    assert "no answer at 1 of 4 samples held out" in done.out and "nan" not in done.out
     assert ".nan" not in out.read_text()
     stated = hmcvt_library.load_model(out).provenance
     assert (stated["validation_samples"], stated["validation_without_answer"]) == (4, 1)

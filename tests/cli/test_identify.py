@@ -55,7 +55,7 @@ def test_file_and_report_say_what_json_says(tmp_path, hmcvt):
         assert model.standard_errors[name] == entry["standard_error"]
     text = hmcvt("identify", TABLE2, *SPLIT).out
     assert f"{100 * done.json['fit_error']:.2f} %" in text
-    lines = text.split("held back:\n")[1].splitlines()[1:]
+    lines = text.split("held out:\n")[1].splitlines()[1:]
     assert [line.split()[0] for line in lines] == ["3", "7", "8"]
     for line, entry in zip(lines, done.json["held_back"], strict=True):
         assert f"{entry['predicted']:.4f}" in line
@@ -80,7 +80,7 @@ def test_samples_held_back_where_none_was_fitted_are_told(hmcvt, tmp_path):
     rows[1:] = sorted(rows[1:], key=lambda row: float(row.split(",")[2]))
     (tmp_path / "sorted.csv").write_text("\n".join(rows) + "\n")
     told = hmcvt("identify", tmp_path / "sorted.csv", "--fit", "1-64").out
-    assert "32 of 32 samples held back lie outside the range of those fitted" in told
+    assert "32 of 32 samples held out lie outside the range of those fitted" in told
     assert "outside the range" not in hmcvt("identify", SIMULATED, "--fit", "1-64").out
 
 

@@ -32,8 +32,8 @@ WORDS = {
         "predicted efficiency [%]",
         "measured efficiency [%]",
         "fitted (5)",
-        "held back (3)",
-        "mean error 2.02 % fitted, 1.60 % held back",
+        "held out (3)",
+        "mean error 2.02 % fitted, 1.60 % held out",
     },
 }
 

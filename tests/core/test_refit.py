@@ -247,7 +247,7 @@ def test_errors_are_those_of_models_that_have_not_seen_the_sample(new):
 @pytest.mark.parametrize("count", [5, 30])
 def test_refit_of_unchanged_samples_is_never_worse(new, count):
     found = compare(new, campaign(new, count, seed=1, noise=COARSE))
-    # It has seen every sample, so those held back always look worse.
+    # It has seen every sample, so those held out always look worse.
     assert found.error_refit > found.error_in_service
     assert found.change == 0.0 and not found.worse
 

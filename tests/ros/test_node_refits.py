@@ -154,7 +154,7 @@ def test_few_samples_are_adopted_unchecked_and_say_so(node, table2):
     reply = node.player.call("reidentify")
     assert reply.success and reply.data["held_back"] is None
     assert any(
-        "none could be held back" in warning for warning in reply.data["warnings"]
+        "none could be held out" in warning for warning in reply.data["warnings"]
     )
 
 

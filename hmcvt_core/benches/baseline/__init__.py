@@ -7,8 +7,9 @@ held        a sound machine, held: its model and a smooth `remainder` with its u
 change      the `System` whose effects are changes since then
 comparison  from sound and later samples to the diagnosis of the change
 control     sound samples left out of the fit, which must come out as no change
-refusal     leading sets that their refit contradicts, left out of the verdict
-growth      how much a loss has grown, in per cent of the baseline
+refusal     leading sets that their refit contradicts, left out of the verdict (also of a unit
+            without baseline)
+growth      how much a loss has grown, as a fraction of that of the sound machine
 sizes       size of a change from all sets that hold it
 record      what the diagnosis states of its baseline
 """

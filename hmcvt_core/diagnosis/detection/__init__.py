@@ -1,6 +1,6 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Whether there is a gap, and in which regions.
+"""Test for a gap, and the regions that it searches.
 
-significance  the test for a gap: is anything left after the refit
+significance  p value of what the refit of the base model leaves, over regions and effects
 regions       boxes over the samples, and the fewest that hold given samples
 """
