@@ -5,7 +5,7 @@
 #                withheld and found, or not (make demo SEED=7 repeats one)
 #   make test    all tests, the ones over ROS 2 included
 #   make test-core  the tests of the core alone, offline: needs NumPy, SciPy, PyYAML and pytest
-#   make test-long  the tests of further campaigns, which take a few minutes more
+#   make test-long  further campaigns, studies and whole stories, a quarter of an hour more
 #   make lint types    what CI checks besides
 #   make format  lay out all code as `make lint` wants it
 #   make oldest  the tests of core, diagnosis, units and commands on the oldest versions that
