@@ -360,7 +360,9 @@ def test_python_example_runs(run_node, environment, tmp_path):
         text=True,
         timeout=200,
     )
-    lines = result.stdout.splitlines()
+    # Fast DDS writes there too, where a port in shared memory is just being taken by another.
+    printed = result.stdout.splitlines()
+    lines = [line for line in printed if "RTPS_TRANSPORT_SHM" not in line]
     assert len(lines) > 3, result.stderr
     efficiency, optimum = map(float, re.findall(r"=(0\.\d+)", lines[0]))
     assert (round(efficiency, 2), round(optimum, 2)) == (0.76, 0.04)
