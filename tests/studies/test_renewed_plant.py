@@ -223,7 +223,8 @@ def test_a_campaign_is_read_anew_without_errors():
 def test_limits_set_runs_with_fewer_errors_side_by_side():
     wrong = record("single", ["churning"], ["gear_mesh"], ["churning"])
     right = record("single", ["churning"], ["churning"], ["churning"])
-    text = limits_table([wrong], {"base errors": [right]})
+    undrawn = {"kind": "single", "seed": 2, "error": "stalls"}
+    text = limits_table([wrong, undrawn], {"base errors": [right, undrawn]})
     (line,) = [line for line in text.splitlines() if line.startswith("| single: exact")]
     cells = [cell.strip().split(" ")[0] for cell in line.split("|")[3:-1]]
     assert cells == ["0/1", "1/1", "1/1"]

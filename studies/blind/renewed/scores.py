@@ -212,16 +212,22 @@ def limits_table(
 ) -> str:
     """Return what of the misses comes from errors of base and meters, and what the oracle leaves.
 
+    Campaigns that could not be drawn are left out.
+
     Args:
         records: of a run with all errors.
         runs: records of the same campaigns by the errors that are missing.
     """
+    drawn, *others_drawn = (
+        [record for record in run if "error" not in record]
+        for run in (records, *runs.values())
+    )
     rows = []
     for line in LINES:
         if line.oracle is None:
             continue
-        what, goal, library, oracle, _ = line.cells(records)
-        others = [line.cells(records_without)[2] for records_without in runs.values()]
+        what, goal, library, oracle, _ = line.cells(drawn)
+        others = [line.cells(other)[2] for other in others_drawn]
         if library:
             rows.append((what, goal, library, *others, oracle))
     heads = [f"library without {name}" for name in runs]
