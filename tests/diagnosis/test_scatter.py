@@ -12,14 +12,7 @@ from hmcvt_core.diagnosis.selection.explanation import explain, scattered
 from hmcvt_core.physics.effects.hydraulic import OilTemperature
 from hmcvt_core.physics.effects.mechanical import ChargePump
 
-from .campaigns import (
-    BASE,
-    NOISE,
-    campaign,
-    fitted,
-    measure,
-    random_points,
-)
+from .campaigns import BASE, NOISE, campaign, fitted, measure, random_points
 
 
 def _with_a_pump(stated, noise=NOISE):

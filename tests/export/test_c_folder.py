@@ -22,7 +22,6 @@ from hmcvt_tools.export.folder import write_folder
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name) is not None]
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 FLAGS = {"plain": ("-O0",), "optimised": ("-O2",), "sanitized": ("-O1", *SANITIZERS)}
-NAMES = ("hm4", "hydrostatic", "output_coupled", "tractor")
 FILES = {
     "README.md",
     "check.c",

@@ -21,7 +21,7 @@ from hmcvt_tools.export.effect_tables import BOUND, TABLE_SPEED
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 
-POINTS = 6_000
+POINTS = 30_000
 
 
 # The first case has more effects and stages, the last one an effect that is not listed either.
@@ -73,8 +73,8 @@ def test_tables_matter(case):
 def test_optimum_with_effects(case):
     model, _, _, library = case
     rng = np.random.default_rng(3)
-    speed = rng.uniform(80.0, 230.0, 8)
-    load = rng.uniform(30.0, 300.0, 8)
+    speed = rng.uniform(80.0, 230.0, 20)
+    load = rng.uniform(30.0, 300.0, 20)
     for number, part in enumerate(model.stages.values()):
         answer, _ = library.stroke(number, speed, load)
         best = part.optimal_displacement_ratio(speed, load)

@@ -9,7 +9,7 @@ from studies.tables.judge import judge
 from studies.tables.truth import random_table
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_table_is_read_wrong_without_a_word(tmp_path_factory, seed):
     table = random_table(np.random.default_rng(seed))
@@ -19,7 +19,7 @@ def test_no_table_is_read_wrong_without_a_word(tmp_path_factory, seed):
 
 
 def test_complete_tables_need_no_question(tmp_path):
-    tables = [random_table(np.random.default_rng([9, index])) for index in range(40)]
+    tables = [random_table(np.random.default_rng([9, index])) for index in range(100)]
     complete = [table for table in tables if table.complete]
     taken = sum(judge(table, tmp_path).code == 0 for table in complete)
     assert taken >= 0.8 * len(complete)
