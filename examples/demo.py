@@ -57,7 +57,7 @@ hmcvt predicts the efficiency of a tractor's hydromechanical CVT and serves it o
     print("\n5. Mean |predicted - measured| / measured:\n")
     print(
         f"     tests the refit used   {before[0]:6.2f} %  ->  {after[0]:5.2f} %\n"
-        f"     tests held out        {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n"
+        f"     tests held out         {before[1]:6.2f} %  ->  {after[1]:5.2f} %\n"
     )
     if not (after[0] < before[0] and after[1] < before[1]):
         print("   The refit did not improve the node.\n")

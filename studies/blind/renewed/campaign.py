@@ -153,12 +153,12 @@ def make_campaign(kind: str, seed: int, growth: float = 1.0) -> Campaign:
 def without_errors(
     campaign: Campaign, base: bool = False, meters: bool = False
 ) -> Campaign:
-    """Return the tests of a campaign, read anew where errors are missing.
+    """Return the tests of a campaign, read again where errors are missing.
 
     Hidden effects, settings and scatter stay.
 
     Args:
-        campaign: to read anew.
+        campaign: to read again.
         base: whether the base is exact.
         meters: whether the meters are exact but for their scatter.
     """

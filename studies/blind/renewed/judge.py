@@ -102,7 +102,11 @@ def judge(case: Case) -> dict[str, Any]:
     """Make a campaign, have it diagnosed, and return how the answer compares with the truth."""
     campaign, look, seen = draw(case.kind, case.seed)
     if not set(ERRORS).isdisjoint(case.without):
-        campaign = without_errors(campaign, *(name in case.without for name in ERRORS))
+        campaign = without_errors(
+            campaign,
+            base="base_errors" in case.without,
+            meters="meter_errors" in case.without,
+        )
     model, samples = served(campaign, case.without)
     start = time.process_time()
     found = hmcvt.diagnose(model, samples)

@@ -38,6 +38,11 @@ _LISTED = tuple(SETS)
 # --- questions to one record ------------------------------------------------------------------
 
 
+def drawn(records: Sequence[Record]) -> list[Record]:
+    """Return the records of campaigns that could be drawn."""
+    return [record for record in records if "error" not in record]
+
+
 def visible(record: Record) -> bool:
     """Whether every hidden effect leaves more than `VISIBLE` squared deviations."""
     return bool(record["left"]) and min(record["left"]) >= VISIBLE
@@ -218,15 +223,12 @@ def limits_table(
         records: of a run with all errors.
         runs: records of the same campaigns by the errors that are missing.
     """
-    drawn, *others_drawn = (
-        [record for record in run if "error" not in record]
-        for run in (records, *runs.values())
-    )
+    others_drawn = [drawn(run) for run in runs.values()]
     rows = []
     for line in LINES:
         if line.oracle is None:
             continue
-        what, goal, library, oracle, _ = line.cells(drawn)
+        what, goal, library, oracle, _ = line.cells(drawn(records))
         others = [line.cells(other)[2] for other in others_drawn]
         if library:
             rows.append((what, goal, library, *others, oracle))
@@ -339,7 +341,7 @@ def _said(item: Sequence[object]) -> str:
 
 def report(records: Sequence[Record]) -> str:
     """Return the tables of a run."""
-    usable = [record for record in records if "error" not in record]
+    usable = drawn(records)
     parts = [
         score_table(usable),
         promise_table(usable),

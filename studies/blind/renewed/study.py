@@ -14,6 +14,7 @@ from studies.blind.renewed.scores import (
     VISIBLE,
     answered_accessory,
     band_table,
+    drawn,
     false_member_table,
     promise_table,
     score_table,
@@ -139,7 +140,7 @@ def page(records: Sequence[Record], command: str, first_seed: int) -> str:
         command: that made them.
         first_seed: of the run.
     """
-    usable = [record for record in records if "error" not in record]
+    usable = drawn(records)
     kept_back = first_seed >= KEPT_BACK
     return render(
         "report.md.j2",
