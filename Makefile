@@ -59,7 +59,7 @@ ifdef ARGS
 else
 	$(BIN)/python -m pytest -rs $(SHARED) auto -m 'not long' --ignore=tests/ros --ignore=tests/soak
 ifneq ($(HMCVT_CORE_ONLY),1)
-	$(BIN)/python -m pytest $(SHARED) $$((2 * $$(nproc))) -m 'not long' tests/ros
+	$(BIN)/python -m pytest $(SHARED) $$((3 * $$(nproc))) -m 'not long' tests/ros
 	$(BIN)/python -m pytest tests/soak
 endif
 endif

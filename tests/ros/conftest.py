@@ -36,7 +36,7 @@ else:
     from rclpy.node import Node
     from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
-    from ros_bench import command, send_table
+    from ros_bench import command, send_table, without_middleware
 
     import hmcvt_core as hmcvt
     from examples.bench_player import BenchPlayer, Reply
@@ -137,7 +137,7 @@ class NodeUnderTest:
 
     @property
     def log(self) -> str:
-        return self.log_file.read_text()
+        return without_middleware(self.log_file.read_text())
 
     def says(self, text: str) -> bool:
         """Wait for a text in what the node logs."""

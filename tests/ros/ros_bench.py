@@ -30,10 +30,20 @@ __all__ = [
     "points",
     "read_only",
     "send_table",
+    "without_middleware",
 ]
 
 GOOD = OperatingPoint(displacement_ratio=0.5, engine_speed=100.0, load_torque=200.0)
 STALLED = OperatingPoint(displacement_ratio=-1.0, engine_speed=20.0, load_torque=5000.0)
+
+
+def without_middleware(text: str) -> str:
+    """Return what a process wrote without the lines of Fast DDS.
+
+    It writes to stdout where a port in shared memory is just being taken by another process.
+    """
+    lines = text.splitlines(keepends=True)
+    return "".join(line for line in lines if "RTPS_TRANSPORT_SHM" not in line)
 
 
 def command(*parameters: str, arguments: tuple[str, ...] = ()) -> list[str]:

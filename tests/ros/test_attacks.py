@@ -24,6 +24,8 @@ from examples.bench_player import bench_sample_to_message
 from hmcvt_ros import qos
 from hmcvt_ros.outputs import ADVICE
 
+pytestmark = pytest.mark.slow
+
 BAD_TYPE = Parameter(name="input_timeout", value=ParameterValue(type=99))
 GOOD_VALUE = Parameter(
     name="input_timeout", value=ParameterValue(type=3, double_value=0.4)

@@ -16,6 +16,8 @@ from ros_bench import GOOD, command, message
 import hmcvt_core as hmcvt
 from hmcvt_core.physics.effects.mechanical import PlanetaryMesh
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(hmcvt.__file__).parents[1]
 HMCVT_NODE = [sys.executable, "-m", "hmcvt_tools.cli", "node"]
 

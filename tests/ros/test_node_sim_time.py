@@ -6,6 +6,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ros_bench import GOOD
 from rosgraph_msgs.msg import Clock
 
+pytestmark = pytest.mark.slow
+
 STEP = 0.05
 INPUTS = ("displacement_ratio", "engine_speed", "load_torque")
 

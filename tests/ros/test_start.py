@@ -19,6 +19,8 @@ from std_msgs.msg import Float32, Float64, Int32
 import hmcvt_core as hmcvt
 from hmcvt_ros.public_text import PublicText
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 IN = ("sh", "-c", 'cd "$0" && exec "$@"')
 IN_NO_FOLDER = ("sh", "-c", 'mkdir -p "$0" && cd "$0" && rmdir "$0" && exec "$@"')
