@@ -22,10 +22,10 @@ from .bench.study import run as run_bench
 from .bench.study import save
 from .conditions import PARTS, cases
 from .loop import work
-from .renewed.judge import ERRORS
+from .renewed.judge import EFFECTS, ERRORS
 from .renewed.scores import limits_table
 from .renewed.scores import report as renewed_report
-from .renewed.study import CHANNELS, paired
+from .renewed.study import CHANNELS, paired, paired_table
 from .renewed.study import cases as renewed_cases
 from .renewed.study import page as renewed_page
 from .renewed.study import run as run_renewed
@@ -94,10 +94,11 @@ KEPT_BACK = 500_000_000  # seeds from here on are for the page alone
 )
 @click.option(
     "--without",
-    type=click.Choice([*PROPERTIES, *CHANNELS, *ERRORS, ALL_ERRORS]),
+    type=click.Choice([*PROPERTIES, *CHANNELS, *ERRORS, ALL_ERRORS, *EFFECTS]),
+    metavar="NAME",
     multiple=True,
-    help="Bench: a property to switch off; renewed: a column, or the errors of base, meters or "
-    "both, to leave out and to compare with; may be given more than once.",
+    help="Bench: a property to switch off; renewed: a column, the errors of base, meters or both, "
+    "or an effect of the library, to leave out and to compare with; may be given more than once.",
 )
 @click.option(
     "--kinds",
@@ -181,14 +182,22 @@ def _renewed(options: dict[str, Any], jobs: int, out: str | None) -> str:
     records = run_renewed(renewed_cases(campaigns, seed, kinds), jobs, path, progress)
     text = renewed_report(records)
     fewer_errors = {}
+    fewer_columns = {}
+    fewer_effects = {}
     for name in options["without"]:
         names = ERRORS if name == ALL_ERRORS else (name,)
         todo = renewed_cases(campaigns, seed, kinds, names, oracle=False)
         others = run_renewed(todo, jobs, path, progress)
         if name in CHANNELS:
-            text += "\n\n" + paired(records, others, name)
-        else:
+            fewer_columns[name] = paired(records, others, name)
+        elif name in (*ERRORS, ALL_ERRORS):
             fewer_errors[name.replace("_", " ")] = others
+        else:
+            fewer_effects[name] = paired(records, others, name)
+    if fewer_columns:
+        text += "\n\n" + paired_table("column", fewer_columns)
+    if fewer_effects:
+        text += "\n\n" + paired_table("effect", fewer_effects)
     if fewer_errors:
         text += "\n\n" + limits_table(records, fewer_errors)
     if out is not None:

@@ -21,7 +21,7 @@ from studies.blind.renewed.campaign import (
     without_errors,
 )
 from studies.blind.renewed.day import TESTS, Heat
-from studies.blind.renewed.judge import draw, served
+from studies.blind.renewed.judge import Case, draw, judge, served
 from studies.blind.renewed.listed import OWN_FORMS
 from studies.blind.renewed.look import Look
 from studies.blind.renewed.oracle import ask
@@ -30,7 +30,7 @@ from studies.blind.renewed.scores import (
     limits_table,
     score_table,
 )
-from studies.blind.renewed.study import cases, paired
+from studies.blind.renewed.study import cases, paired, paired_table
 from studies.blind.renewed.transmissions import LAYOUTS
 from studies.blind.renewed.unlisted import UNLISTED
 
@@ -244,7 +244,23 @@ def test_scores_set_the_oracle_next_to_the_library():
 def test_a_channel_that_loses_a_cause_is_counted():
     right = record("single", ["churning"], ["churning"], ["churning"])
     wrong = record("single", ["churning"], ["fan_drive"], ["churning"])
-    assert "| `pressure` | 0 | 0 | 1 | 0 |" in paired([wrong], [right], "pressure")
+    counts = {"pressure": paired([wrong], [right], "pressure")}
+    assert "| `pressure` | 0 | 0 | 1 | 0 |" in paired_table("column", counts)
+
+
+def test_an_effect_in_the_library_has_its_price():
+    right = record("single", ["churning"], ["churning"], ["churning"])
+    wrong = record("single", ["churning"], ["fan_drive"], ["churning"])
+    hidden = record("single", ["fan_drive"], ["fan_drive"], ["fan_drive"], seed=2)
+    price = paired([wrong, hidden], [right, hidden], "fan_drive")
+    assert price == {"both": 0, "only with it": 0, "only without it": 1, "neither": 0}
+
+
+def test_an_effect_that_the_library_lacks_is_not_named():
+    draws = draw("single", 1)
+    (hidden,) = draws[0].truth.names
+    found = judge(Case("single", 1, oracle=False, without=(hidden,)))
+    assert hidden not in {name for names, _ in found["sets"] for name in names}
 
 
 @pytest.mark.long

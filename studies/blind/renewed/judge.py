@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -36,6 +37,8 @@ from studies.blind.renewed.unlisted import Accessory
 
 #: Errors of base and meters that a campaign can be read without.
 ERRORS = ("base_errors", "meter_errors")
+#: Names of the effects in the library.
+EFFECTS = tuple(sorted({kind.name for kind in library()}))
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,8 @@ class Case:
         kind: of what it hides.
         seed: of everything.
         oracle: whether the oracle is asked too.
-        without: columns that are left out, and `ERRORS` that are missing.
+        without: columns that are left out, `ERRORS` that are missing, and effects that the library
+            is to lack.
     """
 
     kind: str
@@ -108,8 +112,10 @@ def judge(case: Case) -> dict[str, Any]:
             meters="meter_errors" in case.without,
         )
     model, samples = served(campaign, case.without)
+    known = tuple(kind for kind in library() if kind.name not in case.without)
     start = time.process_time()
-    found = hmcvt.diagnose(model, samples)
+    with patch("hmcvt_core.benches.transmission.system.library", return_value=known):
+        found = hmcvt.diagnose(model, samples)
     seconds = time.process_time() - start
     record = {
         **_hidden(case, campaign, seen),

@@ -1,15 +1,15 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Runs of many campaigns on the renewed plant."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from hmcvt_core.errors import InputError
 from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import FRESH_TESTS
-from studies.blind.bench.scores import Record, exact_first
+from studies.blind.bench.scores import Record, exact_first, member_table
 from studies.blind.renewed.campaign import KINDS, VERSION
-from studies.blind.renewed.judge import ERRORS, Case, judge
+from studies.blind.renewed.judge import EFFECTS, ERRORS, Case, judge
 from studies.blind.renewed.scores import (
     VISIBLE,
     answered_accessory,
@@ -41,7 +41,8 @@ def cases(
         campaigns: number of campaigns.
         first_seed: of the first; the others count up.
         kinds: of campaign; empty for all.
-        without: columns to leave out, and `ERRORS` that are to be missing.
+        without: columns to leave out, `ERRORS` that are to be missing, and effects that the
+            library is to lack.
         oracle: whether the oracle is asked too.
     """
     for kind in kinds:
@@ -49,11 +50,11 @@ def cases(
             raise InputError(
                 f"kind {kind!r} does not exist, expected one of {list(KINDS)}"
             )
+    known = (*CHANNELS, *ERRORS, *EFFECTS)
     for name in without:
-        if name not in (*CHANNELS, *ERRORS):
+        if name not in known:
             raise InputError(
-                f"{name!r} cannot be left out of the renewed plant, "
-                f"expected one of {(*CHANNELS, *ERRORS)}"
+                f"{name!r} cannot be left out of the renewed plant, expected one of {known}"
             )
     turns = _turns(kinds or tuple(KINDS))
     work = [
@@ -104,26 +105,48 @@ def run(
     return [records[case.key] for case in work.values()]
 
 
-def paired(whole: Sequence[Record], part: Sequence[Record], without: str) -> str:
-    """Return how a channel changes the exact answers, on the same campaigns.
+def paired(
+    whole: Sequence[Record], part: Sequence[Record], without: str
+) -> dict[str, int]:
+    """Return how a column, or an effect in the library, changes the exact answers.
+
+    Campaigns whose bench lacks the column, or that hide the effect, are not counted.
 
     Args:
-        whole: records with the channel.
+        whole: records with it.
         part: records of the same campaigns without it.
-        without: name of the channel.
+        without: name of the column or the effect.
     """
     others = {(record["kind"], record["seed"]): record for record in part}
     counts = {"both": 0, "only with it": 0, "only without it": 0, "neither": 0}
     for record in whole:
         other = others[record["kind"], record["seed"]]
-        if "error" in record or "error" in other or without not in record["columns"]:
-            continue
-        if record["kind"] not in ("single", "pair", "triple", "accessory"):
+        if "error" in record or "error" in other or not _concerns(record, without):
             continue
         answers = (_right(record), _right(other))
         index = (3, 2, 1, 0)[2 * answers[0] + answers[1]]
         counts[list(counts)[index]] += 1
-    return table(("channel", *counts), [(f"`{without}`", *counts.values())])
+    return counts
+
+
+def paired_table(head: str, counts: Mapping[str, Mapping[str, int]]) -> str:
+    """Return `paired` by what is left out.
+
+    Args:
+        head: what is left out.
+        counts: by its name.
+    """
+    rows = [(f"`{name}`", *item.values()) for name, item in counts.items()]
+    return table((head, *next(iter(counts.values()))), rows)
+
+
+def _concerns(record: Record, without: str) -> bool:
+    """Whether a campaign with listed effects tells what a column or an effect is worth."""
+    if record["kind"] not in ("single", "pair", "triple", "accessory"):
+        return False
+    if without in CHANNELS:
+        return without in record["columns"]
+    return without not in (*record["truth"], *record["true_classes"])
 
 
 def _right(record: Record) -> bool:
@@ -153,6 +176,7 @@ def page(records: Sequence[Record], command: str, first_seed: int) -> str:
         scores=score_table(usable),
         promise=promise_table(usable),
         bands=band_table(usable),
+        members=member_table(usable),
         false_members=false_member_table(usable),
         unusable=len(records) - len(usable),
     )
