@@ -16,8 +16,9 @@ physics         power balance, effects, formulas of the paper
 files           the core's own files: bench CSV, YAML, atomic writes
 transmission    registry of quantities, units and words of headings, gear train, parameters
 
-`interface` adds the names that packages built on the core use. `cli` and `mission` only forward
-names that moved to `hmcvt_tools`.
+`interface` adds the names that packages built on the core use; `errors` has the exceptions and
+`version` the version. `moved` looks up names that moved to `hmcvt_tools`; `cli` and `mission` only
+forward to them.
 
 Needs NumPy, SciPy and PyYAML alone. Commands, foreign tables, logs, reports and exports are in
 `hmcvt_tools`.

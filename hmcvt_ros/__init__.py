@@ -5,8 +5,8 @@ From a message to an answer:
 
 efficiency_node  the executable: arguments, signals, exit codes
 node             the node `hmcvt`; its `parameters` and the `qos` of its topics
-inputs           the three inputs, and whether each is fresh (`clocks`, `numbering`)
-guard            protection against what the network sends; `public_text` against what leaves it
+inputs           the three inputs, and whether each is fresh (`clocks`); `numbering` counts losses
+guard            protection against what the network sends; `public_text`: texts that may leave
 outputs          answers; `maps` the efficiency map, `diagnostics` the three statuses
 
 From bench messages to a new model:

@@ -46,6 +46,6 @@ timing   how long everything takes (`make bench`)
 soak     endurance and faults of the node (`make soak`)
 mutants  whether the tests notice a wrong edit (`make mutants`)
 
-Shipped data come from `cycles` (work cycles) and `engine_map` (the second engine). All studies use
-`page` (goals and what was reached) and `workers` (several processes).
+Shipped data come from `cycles` (work cycles) and `engine_map` (the second engine). Many studies use
+`page` (goals and what was reached), long ones `workers` (several processes, records that stay).
 """

@@ -4,14 +4,14 @@
 system        what the diagnosis has to know of a machine
 observations  readings of the bench, channel by channel, and their noise
 pipeline      the steps in order: `diagnose_system`, `next_test`
-preparation   selection and weighting of the samples
+preparation   which samples count, with which noise; the base model refitted to them
 fitting       refits of hypotheses and their evidence
-detection     whether there is a gap, and in which regions
+detection     whether there is a gap: one p value over all regions and effects
 selection     explanations that compete, and their probabilities
 design        the next test; which effects a plan can distinguish
 statements    what the evidence supports, up to the verdict
-analysis      all that is inferred, before it is summarised
-results       the outcome: summary, shrinkage, text
+analysis      detection and selection of one campaign, as `statements` and `results` read them
+results       the outcome: causes, where the gap is, shrinkage, text
 wording       numbers, probabilities and names in sentences and tables
 settings      thresholds, priors and counts of the inference, with their sources
 """

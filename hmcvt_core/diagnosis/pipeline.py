@@ -2,7 +2,7 @@
 """The steps of a diagnosis, as docs/diagnosis-method.md describes them.
 
 prepare: which samples can be used, and the base model refitted to them;
-detect: is there a gap, and in which regions;
+detect: is there a gap;
 select: which explanations are how probable;
 measure: how far the gap shrinks, at samples left out;
 advise: which test to run next;

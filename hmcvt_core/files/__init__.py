@@ -9,7 +9,8 @@ plain_yaml  YAML of a known schema
 atomic      files written whole or not at all
 checks      types of arguments that public functions take
 
-This module holds what every result shares: its picture, its plain data, its text in a notebook.
+This module has `data_path` (of a shipped file) and what results call: `picture` for their figure,
+`plain` for JSON data, `preformatted` for their text in a notebook.
 """
 
 import html

@@ -7,7 +7,7 @@ refit      the model in service (`prior`) refined by new samples, as far as thes
            (`update`), and judged on samples that it has not seen (`cross_validation`)
 robust     which samples belong together
 precision  standard errors; `profile` gives intervals, `misfit` what the model misses
-piecewise  the identification in two parts, as the paper has it
+piecewise  starts of the annealing by the paper's two parts: hydraulic efficiency first
 result     the outcome, `remarks` on what the samples leave open
 """
 

@@ -8,10 +8,11 @@ oil              remarks on effects that need the oil temperature
 optimum          the working point that loses least, of a stage or of the drive line
 engine           the engine before the transmission: full-load curve and fuel map
 breakdown        where the power goes
-domain           where the data of a model reach
+domain           where the data of a model reach; `Prediction` and `EfficiencyMap`
 accuracy         how far predictions are from measurements
 parameter_file   a model as YAML, with units and provenance
 measured_unit    what the test of a single pump or motor contributes to a model
-plausibility     whether samples can be of this transmission (`signs`, `staged_samples`)
-checks           whether arguments are models and samples; `part_checks`: stages and effects
+plausibility     whether samples can be of this transmission (`signs` of speed and pressure)
+staged_samples   the stage of each sample
+checks           whether arguments are models or samples; `part_checks`: parts of a model
 """

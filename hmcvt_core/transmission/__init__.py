@@ -8,4 +8,5 @@ stage       the gear train of one stage (`teeth`, `clutches`)
 parameters  the three hydraulic parameters
 check       what the gear ratios make of the speeds
 new_file    a transmission file from ratios or tooth counts
+mapping     fields of a YAML mapping; errors name the place
 """

@@ -4,8 +4,9 @@
 commands    names of all commands, exit codes
 common      what commands share; commands of other packages use it too
 
-The other modules hold one command each, or a few of a kind, as `point` and `gap`; `progress`,
-`outputs`, `quantities` and `samples` serve several of them.
+The other modules hold one command each, or a few of a kind, as `point` and `gap`. `logs` has what
+commands on logs share, `import_checks` checks of `import`, `gap_cost` the fuel that a gap costs;
+`progress`, `outputs`, `quantities` and `samples` serve several commands.
 """
 
 import sys

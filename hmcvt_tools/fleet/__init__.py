@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""A fleet: every log of a folder at once, bench logs identified and diagnosed, others estimated.
+"""Many logs side by side: bench logs identified and diagnosed (`run`), others estimated (`road`).
 
 executors   any work on many logs side by side, on this machine or on a Dask cluster
 run         from a folder of bench logs to their results; one run at a time in a folder

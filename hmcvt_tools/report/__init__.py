@@ -2,7 +2,7 @@
 """Pages and pictures of results for people (extra `report`).
 
 A page is one self-contained HTML file. It loads nothing and is complete without its script, which
-sorts, marks and saves. Most modules draw the page and the sheet of a diagnosis:
+sorts, marks and saves. These modules draw the page and the sheet of a diagnosis:
 
 answer      what page and sheet lead with: causes, size, next step
 axes        how the axes of a diagnosis are shown
@@ -12,7 +12,7 @@ watts       where the watts go, before and after
 figures     all of these as the templates of the page name them
 sheet       one page of paper
 
-The others draw what a model, a mission or a study gives:
+The others draw models, fits, watches, test plans, logs, missions and studies:
 
 pictures    files with a picture; losses, surface, drive_line, power_maps, power_paths,
             operating_points and panels draw them

@@ -12,6 +12,7 @@ case       reads the folder of a case
 answer     the one file that a method writes
 rig        measured cases: windows of a pump with known faults
 methods    hmcvt and five baselines, each a function from a case to an answer
+running    writes one case, or has one method answer one
 scorer     answers against the truth; imports nothing of hmcvt
 page       the table of all methods
 """

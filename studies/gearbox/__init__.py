@@ -2,6 +2,6 @@
 """Is wear of a gearbox whose physics are written apart named a year later?
 
 box     a gearbox of five stages with reverse: the truth
-tables  its bench table, as a bench writes it
+tables  its tests as bench samples, and its transmission file
 trial   machines of its type, sound and a year later, diagnosed
 """

@@ -1,2 +1,2 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Random recordings of a bench with a known truth, written apart from the readers."""
+"""Random recordings of known content, imported: is a value ever wrong without a word?"""

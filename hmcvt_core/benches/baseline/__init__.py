@@ -3,15 +3,15 @@
 
 `transmission.change` and `unit.change` use it: each has a sound machine of its own (`sound`).
 
-held        a sound machine, held: its model and a smooth `remainder` with its uncertainty
+held        what sound machines share: a smooth `remainder` of each channel with its uncertainty
 change      the `System` whose effects are changes since then
-comparison  from sound and later samples to the diagnosis of the change
+comparison  from a sound machine and later samples to the diagnosis of the change
 control     sound samples left out of the fit, which must come out as no change
 refusal     leading sets that their refit contradicts, left out of the verdict (also of a unit
             without baseline)
 growth      how much a loss has grown, as a fraction of that of the sound machine
 sizes       size of a change from all sets that hold it
-record      what the diagnosis states of its baseline
+record      the `Baseline` of a diagnosis; limits its verdict to what the tests can show
 """
 
 from .change import (

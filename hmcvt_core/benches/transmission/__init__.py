@@ -6,7 +6,7 @@ system      the model as a `System`: predictions, base parameters, candidate eff
 channels    axes and channels, from the registry of quantities
 readings    bench samples as observations
 base        base parameters and their priors
-meters      errors of meters that the readings of a session share (`meter_scale`: their size)
+meters      errors of meters that a session shares (`meter_scale`: zeros of the torque meters)
 unrecorded  what may vary although nothing records it
 served      the model that is saved: the best of three predictions, one of which corrects it by
             `bumps` of a `gaussian_process`; `misfit` states what it misses

@@ -3,11 +3,11 @@
 
 base        the class of an effect, with the hooks that it overrides
 hydraulic   pump and motor: leakage, friction, ports, oil
-mechanical  drag on shafts, and mesh losses
-clutches    clutches and brakes that slip or drag
+mechanical  drag on shafts, of open clutches and of a unit alone; mesh losses
+clutches    clutches and brakes at fault: closed ones that slip, open ones that grip
 actuator    errors of the stroke
-sensor      errors of torque meters and of the pressure gauge
-wear        growth of losses that the base model has
+sensor      errors of torque meters, of the pressure gauge and of the stated displacement
+wear        changes since a sound state: leakage, damping, oil temperature, air in the oil
 empirical   a loss without a known cause, as a smooth function
 trial       an effect that you define, tried at a few points
 by_row      several sets of effects in one solution of the balance

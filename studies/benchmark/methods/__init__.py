@@ -1,5 +1,5 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
-"""Methods of the benchmark by name; each is a module with `answer(case)`."""
+"""Methods of the benchmark by name: modules with `answer(case)`. The baselines share `linear`."""
 
 METHODS = {
     "hmcvt": "hmcvt_diagnosis",
