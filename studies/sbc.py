@@ -62,12 +62,22 @@ class Draw:
     Attributes:
         system: of the library.
         observed: readings with noise and shared errors.
+        base: parameters of the base model.
         effects: that are present, at their sizes.
     """
 
     system: Transmission
     observed: hmcvt.Observations
+    base: np.ndarray
     effects: tuple[Any, ...]
+
+    def lost_power(self, name: str) -> float:
+        """Return the mean power that an effect takes over the tests [W]."""
+        points = self.observed.points
+        others = [effect for effect in self.effects if effect.name != name]
+        without = self.system.predict(self.base, others, points)[0]
+        whole = self.system.predict(self.base, self.effects, points)[0]
+        return float(np.nanmean(self.system.lost_power(points, without, whole)))
 
 
 def draw(seed: int) -> Draw:
@@ -94,7 +104,7 @@ def draw(seed: int) -> Draw:
         changes = [np.nanmax(np.abs(part - alone) / deviation) for part in parts]
         if min(changes) < _MIN_CHANGE:
             continue  # an effect that no test reaches is no candidate
-        return Draw(system, _read(samples, whole, system, model, rng), effects)
+        return Draw(system, _read(samples, whole, system, model, rng), base, effects)
     raise hmcvt.errors.InputError(f"seed {seed}: no draw of {_ATTEMPTS} can be run")
 
 
@@ -198,6 +208,7 @@ def calibrated(seed: int) -> dict[str, Any]:
     names = sorted(effect.name for effect in truth.effects)
     nothing: dict[str, Any] = {"effects": [], "probability": 0.0}
     first = answer["sets"][0] if answer["sets"] else nothing
+    is_right = sorted(first["effects"]) == names
     return {
         "seed": seed,
         "tests": len(truth.observed),
@@ -210,7 +221,8 @@ def calibrated(seed: int) -> dict[str, Any]:
         "inclusion": {
             cause["effect"]: cause["probability"] for cause in answer["causes"]
         },
-        "ranks": _ranks(truth, answer) if sorted(first["effects"]) == names else {},
+        "ranks": _ranks(truth, answer) if is_right else {},
+        "power_ranks": _power_ranks(truth, answer) if is_right else {},
     }
 
 
@@ -230,6 +242,19 @@ def _ranks(truth: Draw, answer: dict[str, Any]) -> dict[str, float]:
     return ranks
 
 
+def _power_ranks(truth: Draw, answer: dict[str, Any]) -> dict[str, float]:
+    """Return the place of each true mean power in its posterior, 0 to 1."""
+    ranks = {}
+    for member in answer["members"]:
+        error = member["lost_power_error"]
+        if len(member["effects"]) != 1 or not error:
+            continue
+        (name,) = member["effects"]
+        pull = (truth.lost_power(name) - member["lost_power"]) / error
+        ranks[name] = float(norm.cdf(pull))
+    return ranks
+
+
 # --- tables -----------------------------------------------------------------------------------
 
 
@@ -239,22 +264,29 @@ def report(records: Sequence[dict[str, Any]]) -> str:
     with_gap = [record for record in usable if record["verdict"] != "no_gap"]
     parts = [
         f"{len(usable)} draws, {len(with_gap)} with a gap, {len(records) - len(usable)} not run",
-        _rank_lines(usable),
+        _rank_lines("sizes where the set and the form are right", usable, "ranks"),
+        _rank_lines("mean powers where the set is right", usable, "power_ranks"),
         _band_table("first set", [_of_first(record) for record in with_gap]),
         _band_table("inclusion", [pair for r in with_gap for pair in _of_members(r)]),
     ]
     return "\n\n".join(parts)
 
 
-def _rank_lines(records: Sequence[dict[str, Any]]) -> str:
-    """Return the counts of the ranks in even bins, and the test of uniformity."""
-    ranks = [rank for record in records for rank in record["ranks"].values()]
+def _rank_lines(what: str, records: Sequence[dict[str, Any]], key: str) -> str:
+    """Return the counts of ranks in even bins, and the test of uniformity.
+
+    Args:
+        what: has the ranks, in words.
+        records: of draws.
+        key: of the ranks in a record.
+    """
+    ranks = [rank for record in records for rank in record[key].values()]
     if not ranks:
-        return "no rank: no leading set is the one drawn"
+        return f"no ranks of {what}: no leading set is the one drawn"
     counts, _ = np.histogram(ranks, _BINS, (0.0, 1.0))
     p_value = kstest(ranks, "uniform").pvalue
     head = [f"{k / _BINS:.1f} to {(k + 1) / _BINS:.1f}" for k in range(_BINS)]
-    title = f"Ranks of {len(ranks)} sizes where the set and the form are right"
+    title = f"Ranks of {len(ranks)} {what}"
     return f"{title}; uniform: p = {p_value:.3f}\n\n{table(head, [counts.tolist()])}"
 
 

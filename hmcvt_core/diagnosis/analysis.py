@@ -127,12 +127,14 @@ class Analysis:
 def model_of(explanation: Explanation, fit: Fit) -> Any:
     """Return the system's model of a fit, with the covariance of its base parameters.
 
+    It is that at the fitted shapes, which the model holds.
+
     Args:
         explanation: gives the covariance.
         fit: the refit that the model holds.
     """
     count = len(fit.hypothesis.system.base)
-    covariance = explanation.parameter_covariance[:count, :count]
+    covariance = explanation.covariance_at_fitted_shapes[:count, :count]
     system = fit.hypothesis.system
     return system.model_of(fit.base, fit.effects, fit.observed.samples, covariance)
 

@@ -86,7 +86,7 @@ class Cause:
             smallest set that holds the cause with 80 %, given that it is a listed one.
         together_with: the other effects of its most probable set, in words, or None.
         parameters: fitted values by name with `unit` and `meaning`; sizes also have
-            `standard_error`, `interval` (95 %, at the fitted shapes) and `plausible`.
+            `standard_error`, `interval` (95 %; the shapes are uncertain too) and `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before by cross-validation, with the effect held in every
             fold; None without a gap.

@@ -88,20 +88,33 @@ class Explanation:
             sorted(item.name for item in effects if item.name not in no_causes)
         )
 
-    @cached_property
-    def parameter_covariance(self) -> Array:
-        """Covariance of base parameters and sizes at the fitted shapes, shape (p, p).
+    @property
+    def theta_covariance(self) -> Array:
+        """Covariance of base parameters, sizes and free shapes, as in theta, shape (p, p)."""
+        count = len(self.fit.theta)
+        return np.asarray(self.plain_model.covariance[:count, :count])
 
-        With shapes free, a size could take any value that keeps the loss.
-        """
+    @property
+    def parameter_covariance(self) -> Array:
+        """Covariance of base parameters and sizes, with that of free shapes in it, shape (p, p)."""
+        return np.asarray(self.theta_covariance[self._of_parameters])
+
+    @cached_property
+    def covariance_at_fitted_shapes(self) -> Array:
+        """Covariance of base parameters and sizes where the shapes are those fitted, (p, p)."""
+        information = np.linalg.inv(self.plain_model.covariance)
+        return np.asarray(np.linalg.inv(information[self._of_parameters]))
+
+    @property
+    def _of_parameters(self) -> tuple[NDArray[np.intp], ...]:
+        """Where a covariance of theta holds base parameters and sizes."""
         hypothesis = self.fit.hypothesis
         kept = [*range(hypothesis.base_count), *hypothesis.size_indices]
-        information = np.linalg.inv(self.plain_model.covariance)
-        return np.asarray(np.linalg.inv(information[np.ix_(kept, kept)]))
+        return np.ix_(kept, kept)
 
     @property
     def parameter_errors(self) -> Array:
-        """Standard errors of base parameters and sizes at the fitted shapes, shape (p,)."""
+        """Standard errors of base parameters and sizes, shape (p,)."""
         return np.sqrt(np.diagonal(self.parameter_covariance))
 
     @property
@@ -343,9 +356,11 @@ def without_absent(explanation: Explanation) -> Explanation:
     """Return an explanation in which no effect is a cause that is zero, or an error of a meter.
 
     The interval of its size holds zero, or it joins others and is within the class of the meter.
+    With shapes free, the size of a clear loss could take any value that keeps the loss.
     """
     fit = explanation.fit
-    reach = INTERVAL_DEVIATIONS * explanation.size_errors
+    variance = np.diagonal(explanation.covariance_at_fitted_shapes)
+    reach = INTERVAL_DEVIATIONS * np.sqrt(variance[fit.hypothesis.base_count :])
     is_zero = np.abs(fit.sizes) <= reach
     absent = []
     of_meters = []

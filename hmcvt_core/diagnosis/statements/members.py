@@ -21,7 +21,7 @@ from ..settings import LIKELY, MAX_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
 from ..system import Effect
 
 SLOPE_STEP = 0.01
-"""Change of a size by which the slope of its power is found, in typical sizes."""
+"""Change of a size [typical sizes], or of a shape [its range], by which slopes are found."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Member:
         probability: that it is present, over all sets of effects and unlisted losses.
         form_fits: whether a form in the library describes it; otherwise it acts in another form.
         lost_power: mean power that it takes over the samples [W], None where its form is not known.
-        lost_power_error: standard error of that, at the fitted shapes [W], or None.
+        lost_power_error: standard error of that [W], or None.
         condition: where it is a condition of the test and no damage, that at which it is off;
             otherwise empty.
     """
@@ -136,24 +136,24 @@ def lost_power(explanation: Explanation, names: Names) -> float | None:
 
 
 def lost_power_error(explanation: Explanation, names: Names) -> float:
-    """Return the standard error of `lost_power` at the fitted shapes [W]."""
-    effects = explanation.served_fit.effects
-    slopes = np.zeros(len(effects))
-    for i, effect in enumerate(effects):
-        if effect.name not in names:
+    """Return the standard error of `lost_power` [W], from those of sizes and free shapes."""
+    fit = explanation.served_fit
+    hypothesis = fit.hypothesis
+    slopes = np.zeros(len(fit.theta))
+    for i, (effect_index, _) in enumerate(hypothesis.free_parameters):
+        if hypothesis.effects[effect_index].name not in names:
             continue
-        size = effect.sizes()[0]
-        step = SLOPE_STEP * size.typical
+        moved = hypothesis.base_count + i
+        step = np.zeros(len(fit.theta))
+        step[moved] = SLOPE_STEP
+        below = np.clip(fit.theta - step, *hypothesis.bounds)
+        above = np.clip(fit.theta + step, *hypothesis.bounds)
         powers = []
-        for change in (-step, step):
-            value = effect.values()[size.name] + change
-            moved = effect.with_values({size.name: value})
-            changed = (*effects[:i], moved, *effects[i + 1 :])
-            powers.append(_mean_power(explanation, names, changed) or 0.0)
-        slopes[i] = (powers[1] - powers[0]) / (2.0 * SLOPE_STEP)
-    first = explanation.fit.hypothesis.base_count
-    covariance = explanation.parameter_covariance[first:, first:]
-    variance = float(slopes @ covariance @ slopes)
+        for theta in (below, above):
+            effects = hypothesis.effects_at(theta)
+            powers.append(_mean_power(explanation, names, effects) or 0.0)
+        slopes[moved] = (powers[1] - powers[0]) / (above - below)[moved]
+    variance = float(slopes @ explanation.theta_covariance @ slopes)
     return math.sqrt(max(variance, 0.0))
 
 
