@@ -86,7 +86,7 @@ class Cause:
             smallest set that holds the cause with 80 %, given that it is a listed one.
         together_with: the other effects of its most probable set, in words, or None.
         parameters: fitted values by name with `unit` and `meaning`; sizes also have
-            `standard_error`, `interval` (95 %; the shapes are uncertain too) and `plausible`.
+            `standard_error`, `interval` (95 %) and `plausible`.
         gap_after: root of the mean squared error above noise once it is added.
         shrinkage: 1 - G2_after / G2_before by cross-validation, with the effect held in every
             fold; None without a gap.
@@ -95,6 +95,8 @@ class Cause:
         source: of its form.
         remedy: the measurement that settles it.
         model: the base model refitted with it, for the channels that it serves.
+        has_fixed_shapes: whether the intervals hold at these shapes alone: some are tried at a few
+            values, and those of less likely effects are not fitted.
     """
 
     effect: str
@@ -111,12 +113,12 @@ class Cause:
     source: str
     remedy: str
     model: Any = field(repr=False)
+    has_fixed_shapes: bool = False
 
     @property
     def coverage(self) -> str:
         """What the interval of its size covers: other shapes would give other sizes."""
-        has_shapes = any("interval" not in entry for entry in self.parameters.values())
-        return "95 % with these shapes" if has_shapes else "95 %"
+        return "95 % with these shapes" if self.has_fixed_shapes else "95 %"
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,7 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
     size_error = float(explanation.size_errors[index])
     shrinkage = validation.shrinkage(explanation)
     partners = [other for other in explanation.names if other != name]
+    free = [item.name for i, item in fit.hypothesis.free_parameters if i == index]
     return Cause(
         effect=name,
         form=effect.form,
@@ -78,6 +79,7 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
         source=effect.source,
         remedy=effect.remedy,
         model=model_of(explanation, fit),
+        has_fixed_shapes=any(item.name not in free for item in effect.parameters()),
     )
 
 
