@@ -30,6 +30,7 @@ from hmcvt_core.benches.transmission.meters import with_meter_errors
 from hmcvt_core.benches.transmission.readings import distinct_observations
 from hmcvt_core.benches.transmission.system import Transmission
 from hmcvt_core.diagnosis.settings import PRIOR_OF_SET_SIZE, SIZE_SPREADS
+from hmcvt_core.diagnosis.system import Points
 from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.scores import share
 from studies.page import table
@@ -71,9 +72,8 @@ class Draw:
     base: np.ndarray
     effects: tuple[Any, ...]
 
-    def lost_power(self, name: str) -> float:
-        """Return the mean power that an effect takes over the tests [W]."""
-        points = self.observed.points
+    def lost_power(self, name: str, points: Points) -> float:
+        """Return the mean power that an effect takes over some tests [W]."""
         others = [effect for effect in self.effects if effect.name != name]
         without = self.system.predict(self.base, others, points)[0]
         whole = self.system.predict(self.base, self.effects, points)[0]
@@ -222,7 +222,7 @@ def calibrated(seed: int) -> dict[str, Any]:
             cause["effect"]: cause["probability"] for cause in answer["causes"]
         },
         "ranks": _ranks(truth, answer) if is_right else {},
-        "power_ranks": _power_ranks(truth, answer) if is_right else {},
+        "power_ranks": _power_ranks(truth, found) if is_right else {},
     }
 
 
@@ -242,15 +242,17 @@ def _ranks(truth: Draw, answer: dict[str, Any]) -> dict[str, float]:
     return ranks
 
 
-def _power_ranks(truth: Draw, answer: dict[str, Any]) -> dict[str, float]:
+def _power_ranks(truth: Draw, found: hmcvt.Diagnosis) -> dict[str, float]:
     """Return the place of each true mean power in its posterior, 0 to 1."""
+    hidden = [(effect.name,) for effect in truth.effects]
+    points = found.posterior.base_only.fit.observed.points  # of the tests that count
     ranks = {}
-    for member in answer["members"]:
-        error = member["lost_power_error"]
-        if len(member["effects"]) != 1 or not error:
+    for member in found.members:
+        error = member.lost_power_error
+        if member.effects not in hidden or member.lost_power is None or not error:
             continue
-        (name,) = member["effects"]
-        pull = (truth.lost_power(name) - member["lost_power"]) / error
+        (name,) = member.effects
+        pull = (truth.lost_power(name, points) - member.lost_power) / error
         ranks[name] = float(norm.cdf(pull))
     return ranks
 

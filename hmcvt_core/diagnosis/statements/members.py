@@ -18,10 +18,11 @@ from ..analysis import Analysis
 from ..selection.explanation import Explanation
 from ..selection.search import Names
 from ..settings import LIKELY, MAX_MEMBERS, PRESENT_PROBABILITY, REPORTED_MEMBER
-from ..system import Effect
+from ..system import Array, Effect, predict_cases
 
 SLOPE_STEP = 0.01
-"""Change of a size [typical sizes], or of a shape [its range], by which slopes are found."""
+"""Change by which slopes are found: of a base parameter in prior deviations, of a size in typical
+sizes, of a shape in its range."""
 
 
 @dataclass(frozen=True)
@@ -132,41 +133,49 @@ def lost_power(explanation: Explanation, names: Names) -> float | None:
 
     None where the system states no power.
     """
-    return _mean_power(explanation, names, explanation.served_fit.effects)
+    (power,) = _mean_powers(explanation, names, [explanation.served_fit.theta])
+    return None if np.isnan(power) else float(power)
 
 
 def lost_power_error(explanation: Explanation, names: Names) -> float:
-    """Return the standard error of `lost_power` [W], from those of sizes and free shapes."""
+    """Return the standard error of `lost_power` [W], from those of base, sizes and shapes."""
     fit = explanation.served_fit
     hypothesis = fit.hypothesis
-    slopes = np.zeros(len(fit.theta))
+    moved = list(range(len(hypothesis.system.base)))
     for i, (effect_index, _) in enumerate(hypothesis.free_parameters):
-        if hypothesis.effects[effect_index].name not in names:
-            continue
-        moved = hypothesis.base_count + i
-        step = np.zeros(len(fit.theta))
-        step[moved] = SLOPE_STEP
-        below = np.clip(fit.theta - step, *hypothesis.bounds)
-        above = np.clip(fit.theta + step, *hypothesis.bounds)
-        powers = []
-        for theta in (below, above):
-            effects = hypothesis.effects_at(theta)
-            powers.append(_mean_power(explanation, names, effects) or 0.0)
-        slopes[moved] = (powers[1] - powers[0]) / (above - below)[moved]
-    variance = float(slopes @ explanation.theta_covariance @ slopes)
-    return math.sqrt(max(variance, 0.0))
+        if hypothesis.effects[effect_index].name in names:
+            moved.append(hypothesis.base_count + i)
+    steps = SLOPE_STEP * np.eye(len(fit.theta))[moved]
+    steps[: len(hypothesis.system.base)] *= hypothesis.system.base.spread[:, None]
+    below = np.clip(fit.theta - steps, *hypothesis.bounds)
+    above = np.clip(fit.theta + steps, *hypothesis.bounds)
+    powers = _mean_powers(explanation, names, [*below, *above])
+    changes = np.nan_to_num(powers[len(moved) :] - powers[: len(moved)])
+    apart = np.sum(above - below, axis=1)
+    slopes = np.divide(changes, apart, out=np.zeros(len(moved)), where=apart > 0.0)
+    covariance = explanation.theta_covariance[np.ix_(moved, moved)]
+    return math.sqrt(max(float(slopes @ covariance @ slopes), 0.0))
 
 
-def _mean_power(
-    explanation: Explanation, names: Names, effects: Sequence[Effect]
-) -> float | None:
-    """Return the mean power that those of some effects take which have one of some names [W]."""
+def _mean_powers(
+    explanation: Explanation, names: Names, thetas: Sequence[Array]
+) -> Array:
+    """Return the mean power that some effects take by each of m theta [W], shape (m,).
+
+    NaN where the power is not known.
+    """
     fit = explanation.served_fit
     points = fit.observed.points
     system = fit.hypothesis.system
-    others = [effect for effect in effects if effect.name not in names]
-    without = system.predict(fit.base, others, points)[0]
-    with_effects = system.predict(fit.base, effects, points)[0]
-    lost = system.lost_power(points, without, with_effects)
-    known = lost[np.isfinite(lost)]
-    return float(np.mean(known)) if len(known) else None
+    cases = []
+    for theta in thetas:
+        base, effects = fit.hypothesis.case(theta)
+        others = tuple(effect for effect in effects if effect.name not in names)
+        cases += [(base, others), (base, effects)]
+    efficiency = predict_cases(system, cases, points)[:, 0]
+    powers = []
+    for without, with_effects in zip(efficiency[::2], efficiency[1::2], strict=True):
+        lost = system.lost_power(points, without, with_effects)
+        known = lost[np.isfinite(lost)]
+        powers.append(np.mean(known) if len(known) else np.nan)
+    return np.array(powers)
