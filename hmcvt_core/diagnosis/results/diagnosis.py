@@ -12,7 +12,7 @@ from ..statements.agreement import Agreement
 from .outcome import Outcome
 from .text import report
 
-_NOT_IN_JSON = ("limits", "point", "setting", "model")
+_NOT_IN_JSON = ("limits", "point", "setting", "model", "has_fixed_shapes")
 """Fields that plain data gives axis by axis, or not at all."""
 
 
