@@ -22,12 +22,12 @@ from .bench.study import run as run_bench
 from .bench.study import save
 from .conditions import PARTS, cases
 from .loop import work
-from .renewed.judge import EFFECTS, ERRORS
+from .renewed.judge import CHANNELS, EFFECTS, ERRORS
 from .renewed.scores import limits_table
 from .renewed.scores import report as renewed_report
-from .renewed.study import CHANNELS, paired, paired_table
 from .renewed.study import cases as renewed_cases
 from .renewed.study import page as renewed_page
+from .renewed.study import paired, paired_table
 from .renewed.study import run as run_renewed
 from .scoring import goals, misses, report
 

@@ -21,7 +21,7 @@ from studies.blind.renewed.campaign import (
     without_errors,
 )
 from studies.blind.renewed.day import TESTS, Heat
-from studies.blind.renewed.judge import Case, draw, judge, served
+from studies.blind.renewed.judge import CHANNELS, EFFECTS, Case, draw, judge, served
 from studies.blind.renewed.listed import OWN_FORMS
 from studies.blind.renewed.look import Look
 from studies.blind.renewed.oracle import ask
@@ -254,6 +254,10 @@ def test_an_effect_in_the_library_has_its_price():
     hidden = record("single", ["fan_drive"], ["fan_drive"], ["fan_drive"], seed=2)
     price = paired([wrong, hidden], [right, hidden], "fan_drive")
     assert price == {"both": 0, "only with it": 0, "only without it": 1, "neither": 0}
+
+
+def test_a_column_left_out_leaves_the_library_whole():
+    assert set(EFFECTS).isdisjoint(CHANNELS)
 
 
 def test_an_effect_that_the_library_lacks_is_not_named():

@@ -1,10 +1,10 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """Effects and leading sets that no verdict names, because their refit contradicts them.
 
-An effect whose interval holds zero is not shown to be present: the set without it explains as much.
-A size at its physical bound means that the form only stands for something else. A size of zero, or
-a prediction of samples left out that is worse than without the set, means that the set explains
-nothing. The probability of such a set counts as unlisted.
+An effect of size zero within its error is not shown to be present: the set without it explains as
+much. A size at its physical bound means that the form only stands for something else. A size of
+zero, or a prediction of samples left out that is worse than without the set, means that the set
+explains nothing. The probability of such a set counts as unlisted.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def without_absent(diagnosis: Diagnosis) -> Diagnosis:
     absent = {
         cause.effect: _most_probable_set(cause)
         for cause in diagnosis.causes
-        if _may_be_absent(cause)
+        if _may_be_absent(diagnosis, cause.effect)
     }
     if not absent:
         return diagnosis
@@ -139,13 +139,11 @@ def _most_probable_set(cause: Cause) -> tuple[str, ...]:
     return tuple(sorted([cause.effect, *partners]))
 
 
-def _may_be_absent(cause: Cause) -> bool:
-    """Return whether the interval of a size holds zero."""
-    for entry in cause.parameters.values():
-        if "interval" in entry:
-            low, high = entry["interval"]
-            return bool(low <= 0.0 <= high)
-    return False
+def _may_be_absent(diagnosis: Diagnosis, name: str) -> bool:
+    """Return whether the size of an effect is zero within its error."""
+    explanation = diagnosis.posterior.best_with(name)
+    names = [effect.name for effect in explanation.fit.effects]
+    return bool(explanation.may_be_zero[names.index(name)])
 
 
 def _with_sets(

@@ -95,8 +95,8 @@ class Cause:
         source: of its form.
         remedy: the measurement that settles it.
         model: the base model refitted with it, for the channels that it serves.
-        has_fixed_shapes: whether the intervals hold at these shapes alone: some are tried at a few
-            values, and those of less likely effects are not fitted.
+        has_fixed_shapes: whether the intervals hold at the values of some shapes: those that are
+            constants or are tried at a few values, and all of less likely effects.
     """
 
     effect: str
@@ -118,7 +118,7 @@ class Cause:
     @property
     def coverage(self) -> str:
         """What the interval of its size covers: other shapes would give other sizes."""
-        return "95 % with these shapes" if self.has_fixed_shapes else "95 %"
+        return "95 % at the fixed shapes" if self.has_fixed_shapes else "95 %"
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,9 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
         source=effect.source,
         remedy=effect.remedy,
         model=model_of(explanation, fit),
-        has_fixed_shapes=any(item.name not in free for item in effect.parameters()),
+        has_fixed_shapes=any(
+            not item.is_size and item.name not in free for item in effect.parameters()
+        ),
     )
 
 

@@ -99,9 +99,22 @@ class Explanation:
         """Covariance of base parameters and sizes, with that of free shapes in it, shape (p, p)."""
         return np.asarray(self.theta_covariance[self._of_parameters])
 
+    @property
+    def may_be_zero(self) -> NDArray[np.bool_]:
+        """Whether the size of each effect is zero within its error at the fitted shapes.
+
+        With shapes free, the size of a clear loss could take any value that keeps the loss.
+        """
+        variance = np.diagonal(self.covariance_at_fitted_shapes)
+        errors = np.sqrt(variance[self.fit.hypothesis.base_count :])
+        return np.asarray(np.abs(self.fit.sizes) <= INTERVAL_DEVIATIONS * errors)
+
     @cached_property
     def covariance_at_fitted_shapes(self) -> Array:
-        """Covariance of base parameters and sizes where the shapes are those fitted, (p, p)."""
+        """Covariance of base parameters and sizes at the fitted shapes, shape (p, p).
+
+        A further discrepancy is held as well.
+        """
         information = np.linalg.inv(self.plain_model.covariance)
         return np.asarray(np.linalg.inv(information[self._of_parameters]))
 
@@ -355,13 +368,11 @@ def _change_of_size_priors(
 def without_absent(explanation: Explanation) -> Explanation:
     """Return an explanation in which no effect is a cause that is zero, or an error of a meter.
 
-    The interval of its size holds zero, or it joins others and is within the class of the meter.
-    With shapes free, the size of a clear loss could take any value that keeps the loss.
+    Its size is zero within its error at the fitted shapes, or it joins others and is within the
+    class of the meter.
     """
     fit = explanation.fit
-    variance = np.diagonal(explanation.covariance_at_fitted_shapes)
-    reach = INTERVAL_DEVIATIONS * np.sqrt(variance[fit.hypothesis.base_count :])
-    is_zero = np.abs(fit.sizes) <= reach
+    is_zero = explanation.may_be_zero
     absent = []
     of_meters = []
     for effect, zero in zip(fit.effects, is_zero.tolist(), strict=True):

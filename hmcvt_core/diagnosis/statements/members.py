@@ -162,7 +162,7 @@ def _mean_powers(
 ) -> Array:
     """Return the mean power that some effects take by each of m theta [W], shape (m,).
 
-    NaN where the power is not known.
+    The mean is over the samples whose power is known by every theta; NaN without one.
     """
     fit = explanation.served_fit
     points = fit.observed.points
@@ -173,9 +173,10 @@ def _mean_powers(
         others = tuple(effect for effect in effects if effect.name not in names)
         cases += [(base, others), (base, effects)]
     efficiency = predict_cases(system, cases, points)[:, 0]
-    powers = []
+    lost = []
     for without, with_effects in zip(efficiency[::2], efficiency[1::2], strict=True):
-        lost = system.lost_power(points, without, with_effects)
-        known = lost[np.isfinite(lost)]
-        powers.append(np.mean(known) if len(known) else np.nan)
-    return np.array(powers)
+        lost.append(system.lost_power(points, without, with_effects))
+    known = np.isfinite(lost).all(axis=0)
+    if not known.any():
+        return np.full(len(lost), np.nan)
+    return np.mean(np.array(lost)[:, known], axis=1)

@@ -9,7 +9,7 @@ from hmcvt_tools.fleet.executors import Processes
 from studies.blind.bench.judge import FRESH_TESTS
 from studies.blind.bench.scores import Record, exact_first, member_table
 from studies.blind.renewed.campaign import KINDS, VERSION
-from studies.blind.renewed.judge import EFFECTS, ERRORS, Case, judge
+from studies.blind.renewed.judge import CHANNELS, EFFECTS, ERRORS, Case, judge
 from studies.blind.renewed.scores import (
     VISIBLE,
     answered_accessory,
@@ -24,8 +24,6 @@ from studies.workers import recorded
 
 #: Seeds from here on are kept back from development.
 KEPT_BACK = 97_500_000
-#: Columns that `--without` leaves out of the readings.
-CHANNELS = ("output_speed", "pressure", "oil_temperature")
 
 
 def cases(
