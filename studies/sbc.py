@@ -317,7 +317,10 @@ def _band_table(what: str, answers: Sequence[tuple[float, float, bool]]) -> str:
         cells = []
         for number in (0, 1):
             inside = [item for item in answers if low < item[number] <= high]
-            mean = np.mean([item[number] for item in inside]) if inside else np.nan
+            if not inside:
+                cells += ["", ""]
+                continue
+            mean = np.mean([item[number] for item in inside])
             cells += [f"{mean:.2f}", share([item[2] for item in inside])]
         rows.append((f"{low:.1f} to {high:.1f}", *cells))
     head = (
