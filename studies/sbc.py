@@ -288,8 +288,8 @@ def _rank_lines(what: str, records: Sequence[dict[str, Any]], key: str) -> str:
     counts, _ = np.histogram(ranks, _BINS, (0.0, 1.0))
     p_value = kstest(ranks, "uniform").pvalue
     head = [f"{k / _BINS:.1f} to {(k + 1) / _BINS:.1f}" for k in range(_BINS)]
-    title = f"Ranks of {len(ranks)} {what}"
-    return f"{title}; ranks uniform: p = {p_value:.3f}\n\n{table(head, [counts.tolist()])}"
+    title = f"Ranks of {len(ranks)} {what}; ranks uniform: p = {p_value:.3f}"
+    return f"{title}\n\n{table(head, [counts.tolist()])}"
 
 
 def _of_first(record: dict[str, Any]) -> tuple[float, float, bool]:
