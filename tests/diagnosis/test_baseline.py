@@ -16,7 +16,6 @@ from hmcvt_core.benches.transmission.change import shared_test_notes
 from hmcvt_core.diagnosis.results import text as words
 from hmcvt_core.diagnosis.results.outcome import CauseSet
 from hmcvt_core.diagnosis.selection.classes import EffectClass, merge_sets
-from hmcvt_core.diagnosis.selection.explanation import Explanation
 from hmcvt_core.files.bench import joined
 from hmcvt_core.physics.effects.mechanical import BearingDrag, ChargePump, Churning
 from hmcvt_core.physics.effects.wear import LaminarLeakage
@@ -135,18 +134,14 @@ def test_a_growth_is_no_more_certain_than_its_cause(worn):
     assert nothing.to_dict()["baseline"]["growth"] is None
 
 
-def test_an_effect_that_is_zero_within_its_error_is_not_named(worn, monkeypatch):
+def test_an_effect_that_is_zero_within_its_error_is_not_named(worn):
     alone = worn.posterior.best_with("laminar_leakage").names
     assert alone == ("laminar_leakage",)
     first, *others = worn.sets
     worn = replace(worn, sets=(replace(first, effects=alone), *others))
     assert without_absent(worn) is worn
-
-    def may_be_zero(explanation):
-        return np.array([item.name in alone for item in explanation.fit.effects])
-
-    monkeypatch.setattr(Explanation, "may_be_zero", property(may_be_zero))
-    absent = without_absent(worn)
+    leading = replace(worn.causes[0], may_be_absent=True)
+    absent = without_absent(replace(worn, causes=(leading, *worn.causes[1:])))
     assert all(item.effects != alone for item in absent.sets)
     assert absent.unlisted == pytest.approx(worn.unlisted + first.probability)
 

@@ -104,7 +104,7 @@ def without_absent(diagnosis: Diagnosis) -> Diagnosis:
     absent = {
         cause.effect: _most_probable_set(cause)
         for cause in diagnosis.causes
-        if _may_be_absent(diagnosis, cause.effect)
+        if cause.may_be_absent
     }
     if not absent:
         return diagnosis
@@ -137,13 +137,6 @@ def _most_probable_set(cause: Cause) -> tuple[str, ...]:
     """Return the names of the most probable set that holds a cause, sorted."""
     partners = cause.together_with.split(" and ") if cause.together_with else []
     return tuple(sorted([cause.effect, *partners]))
-
-
-def _may_be_absent(diagnosis: Diagnosis, name: str) -> bool:
-    """Return whether the size of an effect is zero within its error."""
-    explanation = diagnosis.posterior.best_with(name)
-    names = [effect.name for effect in explanation.fit.effects]
-    return bool(explanation.may_be_zero[names.index(name)])
 
 
 def _with_sets(

@@ -12,7 +12,14 @@ from ..statements.agreement import Agreement
 from .outcome import Outcome
 from .text import report
 
-_NOT_IN_JSON = ("limits", "point", "setting", "model", "has_fixed_shapes")
+_NOT_IN_JSON = (
+    "limits",
+    "point",
+    "setting",
+    "model",
+    "has_fixed_shapes",
+    "may_be_absent",
+)
 """Fields that plain data gives axis by axis, or not at all."""
 
 

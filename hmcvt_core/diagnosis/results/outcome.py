@@ -97,6 +97,7 @@ class Cause:
         model: the base model refitted with it, for the channels that it serves.
         has_fixed_shapes: whether the intervals hold at the values of some shapes: those that are
             constants or are tried at a few values, and all of less likely effects.
+        may_be_absent: whether its size is zero within its error at the fitted shapes.
     """
 
     effect: str
@@ -114,6 +115,7 @@ class Cause:
     remedy: str
     model: Any = field(repr=False)
     has_fixed_shapes: bool = False
+    may_be_absent: bool = False
 
     @property
     def coverage(self) -> str:

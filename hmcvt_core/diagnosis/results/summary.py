@@ -82,6 +82,7 @@ def _cause(analysis: Analysis, validation: CrossValidation, name: str) -> Cause:
         has_fixed_shapes=any(
             not item.is_size and item.name not in free for item in effect.parameters()
         ),
+        may_be_absent=bool(explanation.may_be_zero[index]),
     )
 
 
