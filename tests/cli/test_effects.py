@@ -149,7 +149,6 @@ def test_effects_of_an_installed_package(worked, tmp_path):
     )
 
 
-@pytest.mark.long
 def test_fleet_loads_the_effects_in_its_workers(worked, tmp_path):
     folder, _ = worked
     logs = tmp_path / "logs"

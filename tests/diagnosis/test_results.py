@@ -1,11 +1,14 @@
 # Copyright The hmcvt developers. SPDX-License-Identifier: Apache-2.0
 """What every result offers: plain data, text, a picture, standard errors and the seed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import hmcvt_core as hmcvt
+from hmcvt_core.diagnosis.selection.explanation import without_absent
 from hmcvt_core.transmission.parameters import PARAMETER_NAMES
 from studies.watch import NOISE, stream, well_known
 
@@ -35,6 +38,15 @@ def test_saved_models_keep_standard_errors(name, tmp_path):
         )
         error = estimate.value - getattr(BASE.parameters, parameter)
         assert abs(error) < 4.0 * estimate.standard_error
+
+
+def test_an_effect_whose_error_holds_zero_is_no_cause():
+    explanation, _ = diagnosed("charge pump").posterior.entries[0]
+    assert not explanation.may_be_zero.any() and explanation.names
+    model = explanation.plain_model
+    wide = replace(model, covariance=1e6 * model.covariance)
+    doubtful = replace(explanation, plain_model=wide)
+    assert doubtful.may_be_zero.all() and not without_absent(doubtful).names
 
 
 def test_parameters_and_seed_are_plain_data():

@@ -244,7 +244,6 @@ def test_stopped_worker_is_noticed_and_ended(node, many):
     assert ends(node, reply, "was stopped by a signal")
 
 
-@pytest.mark.long
 def test_refit_ends_beside_busy_processors(start_node, paper_file, table2):
     node = start_node(paper_file, boosted=False)
     send_table(node, table2)

@@ -261,8 +261,8 @@ def test_a_column_left_out_leaves_the_library_whole():
 
 
 def test_an_effect_that_the_library_lacks_is_not_named():
-    draws = draw("single", 1)
-    (hidden,) = draws[0].truth.names
+    campaign, _, _ = draw("single", 1)
+    (hidden,) = campaign.truth.names
     found = judge(Case("single", 1, oracle=False, without=(hidden,)))
     assert hidden not in {name for names, _ in found["sets"] for name in names}
 

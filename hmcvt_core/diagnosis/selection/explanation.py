@@ -97,7 +97,7 @@ class Explanation:
     @property
     def parameter_covariance(self) -> Array:
         """Covariance of base parameters and sizes, with that of free shapes in it, shape (p, p)."""
-        return np.asarray(self.theta_covariance[self._of_parameters])
+        return np.asarray(self.plain_model.covariance[self._of_parameters])
 
     @property
     def may_be_zero(self) -> NDArray[np.bool_]:

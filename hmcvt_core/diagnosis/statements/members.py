@@ -141,12 +141,13 @@ def lost_power_error(explanation: Explanation, names: Names) -> float:
     """Return the standard error of `lost_power` [W], from those of base, sizes and shapes."""
     fit = explanation.served_fit
     hypothesis = fit.hypothesis
-    moved = list(range(len(hypothesis.system.base)))
+    base = hypothesis.system.base
+    moved = list(range(len(base)))
     for i, (effect_index, _) in enumerate(hypothesis.free_parameters):
         if hypothesis.effects[effect_index].name in names:
             moved.append(hypothesis.base_count + i)
     steps = SLOPE_STEP * np.eye(len(fit.theta))[moved]
-    steps[: len(hypothesis.system.base)] *= hypothesis.system.base.spread[:, None]
+    steps[: len(base)] *= base.spread[:, None]
     below = np.clip(fit.theta - steps, *hypothesis.bounds)
     above = np.clip(fit.theta + steps, *hypothesis.bounds)
     powers = _mean_powers(explanation, names, [*below, *above])
